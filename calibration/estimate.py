@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-# A calibrated number, and how well it is known
+# A calibrated number and its error
 
-# Digits behind the point that numbers are written with; what is smaller has an exponent.
+# Most digits behind the point; smaller numbers have an exponent.
 _MOST_DIGITS = 6
 
 
@@ -54,13 +54,13 @@ def number_with_error(value: float, std_error: float, *, sign: Literal["", "+"] 
     return f"{round(value, digits):{sign}.{shown}f} +- {round(std_error, digits):.{shown}f}"
 
 
-# A number that is calibrated again and again: control limits by its stated errors, and its drift
+# Repeated calibrations of a number: control limits from the stated errors, and drift
 
 FloatArray = NDArray[np.float64]
 
-# Half width of the limits: 27 in 10 000 lie outside where nothing moves.
+# Half width of the limits: without drift, 27 in 10 000 lie outside.
 _SIGMAS = 3.0
-# Errors of 0 have to weigh something.
+# Errors of 0 still need a finite weight.
 _ROUNDING = 1e-9
 
 
@@ -78,13 +78,13 @@ class ControlChart:
 def control_chart(years: FloatArray, values: FloatArray, std_errors: FloatArray) -> ControlChart:
     """Return the control chart of a number.
 
-    The limits come of the stated errors, and not of the scatter as in a chart of individuals: a steady drift has small
-    steps and a wide scatter, and would hide in limits that are made of either.
+    The limits come from the stated errors, not from the scatter: a steady drift has small steps and a wide scatter, and
+    would hide in limits made from either.
     """
     rounding = _ROUNDING * (1.0 + np.abs(values))
     weights = 1.0 / np.maximum(std_errors, rounding) ** 2
     centre = float(np.average(values, weights=weights))
-    # A value is part of the mean that it is held against: the variance of the difference is that much smaller.
+    # Each value is part of the mean, so the variance of their difference is smaller.
     half = _SIGMAS * np.sqrt(np.maximum(1.0 / weights - 1.0 / weights.sum(), 0.0))
     drift, error = _drift(years - years.mean(), values, weights)
     return ControlChart(

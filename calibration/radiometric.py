@@ -11,31 +11,31 @@ from calibration.results import CalibrationError
 
 FloatArray = NDArray[np.float64]
 
-# Chance that channels are called different where they are not.
+# False-alarm probability of the test that channels agree.
 _ALPHA = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PanelScale:
-    """Counts of a panel over what was predicted of it."""
+    """Counts of a panel over the predicted ones."""
 
-    #: (N,): ratio of each channel, and its standard error with what is uncertain of the prediction
+    #: (N,): ratio of each channel, and its standard error, errors of the prediction included
     channel: FloatArray
     channel_error: FloatArray
     common: float  #: ratio of the sums over the channels, and its standard error
     common_error: float
     measurement_error: float  #: the part of `common_error` that is the measurement's
-    chi2: float  #: how badly one ratio fits all channels, N - 1 degrees of freedom
+    chi2: float  #: misfit of one ratio for all channels, N - 1 degrees of freedom
     channels_agree: bool  #: whether errors explain that (1 in 1000)
 
 
 def panel_scale(
     signal_dn: FloatArray, signal_cov: FloatArray, predicted_dn: FloatArray, predicted_cov: FloatArray
 ) -> PanelScale:
-    """Return the ratio of a panel's counts to those that are predicted of it.
+    """Return the ratio of a panel's counts to the predicted ones.
 
-    To first order in the errors. What is uncertain of the panel's reflectance and of the sun is common to all channels,
-    so that more channels hardly make the common ratio better; whether channels agree is judged by what is not common.
+    To first order in the errors. Errors of the panel's reflectance and of the sun are common to all channels, so more
+    channels hardly improve the common ratio; the test of agreement uses only the other errors.
     """
     if np.min(signal_dn) <= 0.0 or np.min(predicted_dn) <= 0.0:
         raise CalibrationError("the panel has a channel without light: check the region, the dark level and the scene")
@@ -58,13 +58,13 @@ def panel_scale(
 
 
 def _chi2(channel: FloatArray, cov: FloatArray) -> float:
-    """Return the least chi-squared of differences between channels: what is common to all drops out of them."""
+    """Return the least chi-squared of differences between channels, from which common errors drop out."""
     differences = np.diff(np.eye(len(channel)), axis=0)
     apart = differences @ channel
     return float(apart @ np.linalg.solve(differences @ cov @ differences.T, apart))
 
 
-# One factor between numbers that were measured and numbers that were predicted, both with errors
+# One factor between measured and predicted numbers, both with errors
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,7 +84,7 @@ def fit_free_scale(
     jacobian: FloatArray,
     input_cov: FloatArray,
 ) -> FreeScale:
-    """Return the factor that brings predictions to what was measured.
+    """Return the factor from predicted to measured numbers.
 
     Parameters
     ----------
@@ -104,9 +104,8 @@ def fit_free_scale(
 
     Notes
     -----
-    Generalised least squares of the logarithms, to first order in the errors. What is uncertain of the inputs makes the
-    factor uncertain in the other sense, and both together leave a scaled prediction better known than either; so the
-    covariance with the inputs is part of the result.
+    Generalised least squares of the logarithms, to first order in the errors. Errors of inputs and factor are
+    anticorrelated, which makes a scaled prediction more certain than either; so the result includes their covariance.
 
     References
     ----------

@@ -1,17 +1,17 @@
-"""Errors and flags: how a calibration states what is wrong with its frames."""
+"""Errors and flags: faults that a calibration finds in its frames."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-# Flags: oddities that a calibration found in the frames that it was given
+# Flags: oddities in the frames
 
 
 @dataclass(frozen=True, kw_only=True)
 class Flag:
     """One remark on the frames."""
 
-    name: str  #: what it is, in ``lower_case_with_underscores``; names stay the same from version to version
-    level: str | None = None  #: the level that is named; None where it is the whole set
+    name: str  #: ``lower_case_with_underscores``; names stay the same from version to version
+    level: str | None = None  #: None for the whole set
     message: str  #: what was found, what is allowed, and what to try
     refuses: bool = False  #: whether it stops the calibration
 
@@ -20,16 +20,16 @@ class Flag:
 
 
 class CalibrationError(Exception):
-    """Frames do not allow the calibration that was asked for."""
+    """The frames do not allow the requested calibration."""
 
 
 class RefusedFramesError(CalibrationError):
-    """Frames show something that makes any number from them wrong.
+    """The frames have a fault that makes every number wrong.
 
     Attributes
     ----------
     flags : tuple of Flag
-        All that was found, the refusing ones and the others.
+        All findings, whether they refuse the frames or not.
     """
 
     def __init__(self, flags: tuple[Flag, ...]) -> None:
@@ -39,14 +39,14 @@ class RefusedFramesError(CalibrationError):
 
 
 def refused(name: str, message: str) -> RefusedFramesError:
-    """Return the error of frames that one finding alone makes unfit."""
+    """Return the error for frames that a single finding makes unfit."""
     return RefusedFramesError((Flag(name=name, message=message, refuses=True),))
 
 
-# Order of flags: first what takes the most from the results
+# Order of flags: largest effect on the results first
 
-# By what a flag does: numbers that do not exist or are other than they seem, levels that are wrong, numbers that are
-# uncertain, remarks. A name that is not listed is of the third kind.
+# By effect: missing or misleading numbers, wrong levels, uncertain numbers, remarks. Names that are not listed count as
+# uncertain numbers.
 _GROUPS: tuple[tuple[str, ...], ...] = (
     (
         "gain_changed",
@@ -104,5 +104,5 @@ _UNLISTED = _GROUPS.index(())
 
 
 def by_consequence(flags: Iterable[Flag]) -> tuple[Flag, ...]:
-    """Return flags with those first that refuse, then those that take most from the results."""
+    """Return flags by severity, refusing ones first."""
     return tuple(sorted(flags, key=lambda flag: (not flag.refuses, _RANK.get(flag.name, _UNLISTED))))

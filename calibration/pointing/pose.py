@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 NAMES = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
 _LEAST_PICTURES = 3
-# Steps for slopes, in units of each number's standard error.
+# Step of numerical derivatives, in standard errors.
 _STEP = 0.1
 _TO_EIGHT_BITS = 255.0
 
@@ -42,18 +42,18 @@ class Lens:
 
     @property
     def distortion(self) -> FloatArray:
-        """Distortion, as OpenCV has it."""
+        """Distortion, as in OpenCV."""
         return np.asarray(self.parameters[4:])
 
     def moved(self) -> Iterator[tuple[int, "Lens", float]]:
-        """Give each uncertain number's place, the lens with it moved by a little, and by how much."""
+        """Yield for each uncertain number its index, the lens with this number changed, and the change."""
         for place in np.flatnonzero(np.diag(self.covariance) > 0.0).tolist():
             step = _STEP * float(np.sqrt(self.covariance[place, place]))
             yield place, replace(self, parameters=self.parameters + step * np.eye(len(NAMES))[place]), step
 
 
 def plain_lens(focal_px: float, focal_std_px: float, width: int, height: int) -> Lens:
-    """Return a lens of a stated focal length, its axis through the middle of the picture within a hundredth of it."""
+    """Return a lens of a stated focal length, with its axis within 1 % of the middle of the picture."""
     centre_std = 0.01 * max(width, height)
     stds = np.array([focal_std_px, focal_std_px, centre_std, centre_std, 0.0, 0.0, 0.0, 0.0])
     covariance = np.diag(stds**2)
@@ -73,18 +73,18 @@ def rays(pixels: FloatArray, lens: Lens) -> FloatArray:
 class LensCalibration:
     """A lens from a chessboard."""
 
-    lens: Lens  #: with the covariance that OpenCV gives its numbers
-    rms_px: float  #: of the corners about where they should be [pixel]
+    lens: Lens  #: with the covariance from OpenCV
+    rms_px: float  #: residual of the corners [pixel]
     width: int  #: of the pictures
     height: int
-    used: tuple[int, ...]  #: which pictures showed the whole board, and which did not
+    used: tuple[int, ...]  #: indices of pictures with the whole board, and of the others
     unused: tuple[int, ...]
 
 
 def calibrate_lens(
     pictures: Sequence[NDArray[np.generic]], *, columns: int, rows: int, square_m: float
 ) -> LensCalibration:
-    """Return the lens that pictures of a chessboard were taken with.
+    """Return the lens that took pictures of a chessboard.
 
     Parameters
     ----------
@@ -102,11 +102,11 @@ def calibrate_lens(
 
     References
     ----------
-    Zhang, "A flexible new technique for camera calibration", PAMI 2000; as OpenCV has it.
+    Zhang, "A flexible new technique for camera calibration", PAMI 2000; as in OpenCV.
     """
     sizes = {picture.shape for picture in pictures}
     if len(sizes) != 1:
-        raise CalibrationError(f"pictures of one size are wanted; there are {sorted(sizes) or 'none'}")
+        raise CalibrationError(f"all pictures must have one size; found {sorted(sizes) or 'none'}")
     found = [_corners(picture, columns, rows) for picture in pictures]
     seen = {place: corners for place, corners in enumerate(found) if corners is not None}
     used = tuple(seen)
@@ -149,11 +149,11 @@ def _corners(picture: NDArray[np.generic], columns: int, rows: int) -> NDArray[n
 _PRIOR_STD_RAD = np.radians([3600.0, 60.0, 60.0])
 # Focal lengths, axis and distortion of a lens.
 _LENS_NUMBERS = 8
-# Beyond this a direction counts as not determined.
+# A direction with a larger error is not determined.
 UNKNOWN_STD_RAD = float(np.radians(20.0))
 _STEP_RAD, _ITERATIONS, _STARTS = 1e-6, 60, 8
 _SMALL_RAD, _MOST_DAMPING, _DESCENTS = 1e-7, 1e6, 3
-# A source whose distance from the others is as rare as this contradicts them: a choice.
+# Probability below which a source contradicts the others (a choice).
 _RARE = 1e-3
 
 
@@ -172,7 +172,7 @@ class PoseSource:
 
 @dataclass(frozen=True, kw_only=True)
 class Contradiction:
-    """A source that is farther from the others than their errors allow; or all of them, if none can be singled out."""
+    """A source that the errors exclude, or all sources if none can be singled out."""
 
     name: str
     chi_square: float
@@ -256,7 +256,7 @@ def fuse(sources: Sequence[PoseSource], lens_covariance: FloatArray | None = Non
 
 
 class _Together:
-    """Sources as one: their residuals one below the other, with one covariance, as they share the lens."""
+    """All sources together: residuals stacked, with one covariance because they share the lens."""
 
     def __init__(self, sources: Sequence[PoseSource], lens_covariance: FloatArray) -> None:
         self._sources, self.lens_covariance = sources, lens_covariance
@@ -309,9 +309,9 @@ def _contradiction(
     angles = fit.angles
     residual, slope = alone.residual(angles), alone.slope(angles)
     by_others = slope @ fit.covariance @ slope.T
-    if float(np.sqrt(np.diag(by_others).max())) > UNKNOWN_STD_RAD:  # they say nothing of it
+    if float(np.sqrt(np.diag(by_others).max())) > UNKNOWN_STD_RAD:  # they do not determine it
         return None
-    by_lens = alone.by_lens(angles) + slope @ fit.by_lens  # what moves both the same way is no contradiction
+    by_lens = alone.by_lens(angles) + slope @ fit.by_lens  # a common shift is no contradiction
     own = fit.covariance - fit.by_lens @ lens @ fit.by_lens.T
     spread = alone.own_covariance(angles) + slope @ own @ slope.T + by_lens @ lens @ by_lens.T
     chi_square = float(residual @ np.linalg.solve(spread, residual))
@@ -389,14 +389,15 @@ def _normal(together: _Together, angles: FloatArray, weight: FloatArray) -> tupl
     return normal, _prior(angles) / _PRIOR_STD_RAD + slope.T @ weight @ together.residual(angles)
 
 
-# How a flat panel of known size stands before the camera, by the four corners of its outline
+# Orientation of a flat panel of known size, from the four corners of its outline
 
 
-# Two stands of a small or distant panel show nearly the same outline: chi-squares nearer than this do not decide.
+# Two orientations of a small or distant panel have nearly the same outline: a smaller difference of chi-square does not
+# decide between them.
 _DECIDES = 16.0
 _WORST_CHI_SQUARE = 30.0
 _STEP_PANEL_POSE = 1e-6
-# Corners are those of a panel where they stand apart, and off the lines between others, by so many of their errors.
+# Least distance of a corner from the others, and from the lines between them, in its errors.
 _CLEAR = 3.0
 
 
@@ -450,19 +451,17 @@ def panel_stands(
 
 
 def _require_convex(corners: FloatArray, corner_std: float) -> None:
-    """Refuse corners that do not go round a panel, whose outline is convex."""
+    """Refuse corners that do not form a convex outline."""
     sides = np.roll(corners, -1, axis=0) - corners
     after = np.roll(sides, -1, axis=0)
     lengths = np.hypot(*sides.T)
     if float(lengths.min()) <= _CLEAR * corner_std:
-        raise CalibrationError(f"two corners of the outline lie {lengths.min():.2g} pixels apart, which is no side")
+        raise CalibrationError(f"two corners of the outline lie {lengths.min():.2g} pixels apart; a side is longer")
     turns = sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0]
     # How far a corner lies off the line through its neighbours.
     off = turns / np.hypot(*(sides + after).T)
     if not (np.all(off > _CLEAR * corner_std) or np.all(off < -_CLEAR * corner_std)):
-        raise CalibrationError(
-            "the outline is not convex: give the corners in order round the panel, none of them between two others"
-        )
+        raise CalibrationError("the outline is not convex: give the four corners in order around the panel")
 
 
 def _turns_left(corners: FloatArray) -> bool:
@@ -536,7 +535,7 @@ def panel_tilt(stand: PanelStand, pose: CameraPose) -> PanelTilt:
         tilt_rad=float(base[0]),
         tilt_std_rad=float(std[0]),
         azimuth_rad=float(base[1] % (2.0 * np.pi)),
-        # On a level panel every direction is as good as another.
+        # A level panel has no azimuth.
         azimuth_std_rad=float(min(std[1], np.pi / np.sqrt(3.0))),
         by_corners=by_corners,
         by_angles=slope[:, 3:],
@@ -547,7 +546,7 @@ def panel_tilt(stand: PanelStand, pose: CameraPose) -> PanelTilt:
 def joint_covariance(pose: CameraPose, tilts: Sequence[PanelTilt]) -> FloatArray:
     """Return the covariance of the camera's angles and of tilt and azimuth of each panel, in this order [rad^2].
 
-    A panel's tilt is found by the camera's direction, and both by one lens: their errors go together.
+    Tilts depend on the camera's direction, and both on one lens, so their errors are correlated.
     """
     by_angles = np.concatenate([np.eye(3), *(one.by_angles for one in tilts)])
     by_lens = np.concatenate([pose.by_lens, *(one.by_lens for one in tilts)])
@@ -558,7 +557,7 @@ def joint_covariance(pose: CameraPose, tilts: Sequence[PanelTilt]) -> FloatArray
 # Sources of a camera's direction: compass, level, positions, sun in a picture
 
 _STEP_SOURCES = 1e-3
-# Where a source says nothing its covariance has an inverse all the same.
+# Keeps the covariance of an uninformative source invertible.
 _LEAST_RAD = 1e-6
 # The ellipsoid of WGS 84.
 _EQUATOR_M, _ECCENTRICITY_2 = 6_378_137.0, 6.694_379_990_14e-3
@@ -600,8 +599,8 @@ def level(elevation_rad: float, roll_rad: float, std_rad: float) -> PoseSource:
 def way_between(camera: Sequence[float], target: Sequence[float]) -> FloatArray:
     """Return the way from one place to another nearby: east, north, up [m].
 
-    Radii of curvature of the ellipsoid of WGS 84 (NIMA TR8350.2), at the middle of both; what is neglected is of the
-    second order in the way over the Earth's radius.
+    Radii of curvature of the ellipsoid of WGS 84 (NIMA TR8350.2), at the middle of both; neglected
+    terms are of second order in distance over the Earth's radius.
     """
     middle = np.radians(0.5 * (camera[0] + target[0]))
     flattened = 1.0 - _ECCENTRICITY_2 * np.sin(middle) ** 2
@@ -654,7 +653,7 @@ def sun_in_picture(pixel: FloatArray, pixel_std: float, sun: SunSeen, lens: Lens
 
 
 class _Rays:
-    """Points of a picture as rays, and those rays with each pixel and each number of the lens moved by a little."""
+    """Rays through points of a picture, and the same with each pixel and each number of the lens changed slightly."""
 
     def __init__(self, pixels: FloatArray, pixel_std: float, lens: Lens) -> None:
         self.rays = rays(pixels, lens)
@@ -666,12 +665,12 @@ class _Rays:
             self._by_lens[place] = (rays(pixels, other) - self.rays) / step
 
     def covariance(self, of: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Return the covariance of something that is computed of the rays, by the errors of the pixels."""
+        """Return the covariance of a function of the rays due to the errors of the pixels."""
         slope = self._slope(of, self._by_pixel)
         return np.asarray(self._std**2 * slope @ slope.T)
 
     def by_lens(self, of: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Return the change of something that is computed of the rays by each number of the lens."""
+        """Return the derivative of a function of the rays by each number of the lens."""
         return self._slope(of, self._by_lens)
 
     def _slope(self, of: Callable[[FloatArray], FloatArray], moves: Sequence[FloatArray]) -> FloatArray:
@@ -682,10 +681,10 @@ class _Rays:
 
 
 def _across(ray: FloatArray, expected: FloatArray) -> FloatArray:
-    """Return the two angles by which a ray is off an expected one, across it [rad]."""
+    """Return the two angles between a ray and the expected one, across it [rad]."""
     across = _basis(expected) @ ray
     size = float(np.linalg.norm(across))
-    # The angle itself, and not its sine: beyond a right angle the sine falls again.
+    # The angle rather than its sine, which falls again beyond a right angle.
     angle = float(np.arctan2(size, float(expected @ ray)))
     return across * (angle / size) if size > 0.0 else np.array([angle, 0.0])
 
@@ -693,7 +692,7 @@ def _across(ray: FloatArray, expected: FloatArray) -> FloatArray:
 def _basis(vector: FloatArray) -> FloatArray:
     """Return two unit vectors at right angles to one, as rows."""
     x, y, z = vector.tolist()
-    # At right angles to the two largest parts, so that the length is never near 0.
+    # Perpendicular to the two largest components, so the length is never near 0.
     first = np.array([0.0, z, -y]) if abs(x) <= min(abs(y), abs(z)) else np.array([-z, 0.0, x])
     first = np.array([y, -x, 0.0]) if abs(z) < min(abs(x), abs(y)) else first
     first /= float(np.linalg.norm(first))

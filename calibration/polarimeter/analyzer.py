@@ -13,11 +13,11 @@ from calibration.results import CalibrationError
 FloatArray = NDArray[np.float64]
 
 _TERMS = 3
-# Beyond this the angles hardly tell the terms apart: equal modulo 180 deg, or all close together.
+# Beyond this the angles do not separate the terms: equal modulo 180 deg, or all close together.
 _WORST_CONDITION = 1e3
 # Whole turns in equal steps have sqrt 2; half a turn has hundreds.
 _APART_CONDITION = 3.0
-# Harmonics of the residual of Malus' law [cycles a turn].
+# Harmonics of the residual of Malus' law [cycles per turn].
 _HARMONIC_ORDERS = (1, 3, 4, 5, 6)
 _ROUNDING = 1e-12
 # Effects in addition to the law: least frames, terms of the drift, wander of a wedge over its size, usual size of a
@@ -89,7 +89,7 @@ class Harmonic:
 
     @property
     def is_seen(self) -> bool:
-        """True where noise alone would hardly make it (1 of 1000)."""
+        """True if noise alone would cause it in less than 1 of 1000 cases."""
         return self.amplitude > SEEN_SIGMAS * self.std_error
 
 
@@ -113,12 +113,12 @@ def fit_fourier(angles_rad: FloatArray, values: FloatArray) -> FourierFit:
     Unweighted; all values of a pixel are taken to have one variance, which the residuals give.
     """
     if len(angles_rad) <= _TERMS:
-        raise CalibrationError(f"a scan needs 4 angles or more, to see its own errors; there are {len(angles_rad)}")
+        raise CalibrationError(f"a scan needs at least 4 angles to estimate its errors; there are {len(angles_rad)}")
     design = _design(angles_rad, (2,))
     condition = float(np.linalg.cond(design))
     if condition > _WORST_CONDITION:
         raise CalibrationError(
-            f"the angles of the scan do not tell mean, cosine and sine apart (condition {condition:.3g}, allowed "
+            f"the angles of the scan do not separate mean, cosine and sine (condition {condition:.3g}, allowed "
             f"{_WORST_CONDITION:.0g}): angles that differ by 180 deg are repeats; spread them over half a turn"
         )
     inverse = np.linalg.pinv(design)
@@ -136,7 +136,7 @@ def fit_fourier(angles_rad: FloatArray, values: FloatArray) -> FourierFit:
 
 
 def fit_scan(angles_rad: FloatArray, values: FloatArray) -> tuple[FourierFit, tuple[Harmonic, ...]]:
-    """Return Malus' law of one scan with errors that hold harmonics, a wedge and drift, and the harmonics themselves.
+    """Return Malus' law of one scan, with errors that include harmonics, wedge and drift, and the harmonics.
 
     Parameters
     ----------
@@ -153,17 +153,16 @@ def fit_scan(angles_rad: FloatArray, values: FloatArray) -> tuple[FourierFit, tu
     Notes
     -----
     Harmonics of 1, 3, 4, 5 and 6 cycles a turn, a wedge whose effect wanders, and light that drifts as a random walk
-    are random effects. Which of them are there, and how large wedge and drift are against the noise, is averaged over
-    a grid, each point by its marginal likelihood; the covariance is that of the points that hold nine tenths of the
-    probability. The size of a harmonic that is there is a priori 2 % of the mean, as of real sheets and wire grids.
+    are random effects. Their presence and sizes are averaged over a grid, weighted by marginal likelihood; the
+    covariance is that of the points with nine tenths of the probability. A harmonic that is present has a prior size of
+    2 % of the mean, as in real sheets and wire grids.
 
-    The law of 3 terms alone leaves harmonics in its residual, which makes errors of a whole turn ten times too large,
-    and drift in its axis, which makes them three times too small. Scans of fewer than 16 frames are fitted with the
-    law alone.
+    The law alone leaves harmonics in its residual, which makes errors of a whole turn ten times too large, and drift in
+    its axis, which makes them three times too small. Scans of fewer than 16 frames are fitted with the law alone.
 
     Scans of less than a whole turn, or of fewer than 12 frames, do not determine harmonics, and none are returned. The
-    law is fitted alone; its covariance contains what each harmonic would move, where the residual does not exclude the
-    harmonic, up to 3 % of the mean.
+    covariance of the law alone then includes the effect of each harmonic that the residual does not exclude, up to 3 %
+    of the mean.
 
     References
     ----------
@@ -234,7 +233,7 @@ def _averaged(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return probability (m,), terms of the law (m, 3) and their covariance (m, 3, 3) for each point of the grid.
 
-    The noise is integrated out; columns beyond the law have normal priors of so many times the noise.
+    The noise is integrated out; columns beyond the law have normal priors in units of the noise.
     """
     scale = np.column_stack([np.ones((len(ratios), _TERMS)), ratios])
     information = scale[:, :, None] * (design.T @ design) * scale[:, None, :]
@@ -243,7 +242,7 @@ def _averaged(
     right, dof = scale * (design.T @ values), len(values) - _TERMS
     inverse = np.linalg.inv(information)
     solution = np.einsum("mij,mj->mi", inverse, right)
-    # Rounding of the difference is no residual.
+    # Ignore rounding of the difference.
     square = float(values @ values)
     residual = np.maximum(square - np.einsum("mi,mi->m", right, solution), 1e-14 * square + np.finfo(float).tiny)
     log_weight = log_prior - 0.5 * np.linalg.slogdet(information)[1] - 0.5 * dof * np.log(residual)
@@ -285,7 +284,7 @@ def _harmonics(angles_rad: FloatArray, values: FloatArray, drift: FloatArray) ->
 
 
 def false_dolp(harmonic: Harmonic, angles_rad: FloatArray) -> float:
-    """Return the DoLP that a harmonic of the throughput gives to unpolarized light at most.
+    """Return the largest DoLP that a harmonic of the throughput gives to unpolarized light.
 
     Light of degree p has its AoLP turned by half of this over p at most [rad].
     """
@@ -296,7 +295,7 @@ def false_dolp(harmonic: Harmonic, angles_rad: FloatArray) -> float:
 
 
 def harmonics_are_told_apart(angles_rad: FloatArray) -> bool:
-    """Return whether the angles of a scan separate the harmonics: they do over a whole turn, not over half a turn."""
+    """Return whether the angles of a scan separate the harmonics, which takes a whole turn."""
     design = _design(angles_rad, (2, *_HARMONIC_ORDERS))
     return len(angles_rad) > design.shape[1] and bool(np.linalg.cond(design) < _APART_CONDITION)
 
@@ -394,7 +393,7 @@ def extinction(diattenuation: float, std_error: float) -> Extinction:
     Parameters
     ----------
     diattenuation, std_error : float
-        With everything in the error that it has: noise, the generator's DoLP, the dark level.
+        The error includes noise, the generator's DoLP and the dark level.
 
     Raises
     ------
@@ -403,17 +402,17 @@ def extinction(diattenuation: float, std_error: float) -> Extinction:
 
     Notes
     -----
-    Near 1 the ratio is a steep function, so the interval is that of the diattenuation, carried over: it is not
-    symmetric, and open above where a perfect polarizer is within it.
+    Near 1 the ratio is steep, so its interval is computed from that of the diattenuation: asymmetric, and without an
+    upper end if a perfect polarizer is possible.
     """
     low, high = diattenuation - _TWO_SIDED_95 * std_error, diattenuation + _TWO_SIDED_95 * std_error
     if high <= 0.0:
-        raise CalibrationError(f"the diattenuation is {diattenuation:.4g} +- {std_error:.2g}; that is no polarizer")
+        raise CalibrationError(f"the diattenuation is {diattenuation:.4g} +- {std_error:.2g}; allowed is above 0")
     lower = _ratio(max(low, 0.0))
     if lower is None:
         raise CalibrationError(
             f"the diattenuation is {diattenuation:.6g} +- {std_error:.2g}, above 1: the light is better polarized than "
-            f"stated, or more is taken off as dark level than there is: check --dolp and dark frames"
+            f"stated, or the dark level is too high: check --dolp and dark frames"
         )
     return Extinction(ratio=_ratio(diattenuation), lower=lower, upper=_ratio(high))
 
@@ -422,12 +421,12 @@ def _ratio(diattenuation: float) -> float | None:
     return (1.0 + diattenuation) / (1.0 - diattenuation) if diattenuation < 1.0 else None
 
 
-# Mounting of a polarizer in its stage: sense of rotation and axis offset, from angles that are known two ways
+# Mounting of a polarizer in its stage: sense of rotation and axis offset
 
 Sense = Literal[1, -1]
 
 _SENSES: tuple[Sense, ...] = (1, -1)
-# One sense has to fit worse than the other by this much chi-squared: 5 standard errors.
+# Difference of chi-squared that decides between the senses: 5 standard errors.
 _DECIDED = 25.0
 
 
@@ -438,7 +437,7 @@ class AxisCandidate:
     sense: Sense  #: polarizer angle = sense * stage angle + offset
     offset_rad: float  #: in [0, pi), and its standard error, scatter included [rad]
     std_error_rad: float
-    chi2: float  #: how badly the angles agree with it, in their own errors
+    chi2: float  #: misfit of the angles in their errors
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -448,7 +447,7 @@ class AxisFit:
     best: AxisCandidate  #: the better one first
     other: AxisCandidate
     is_decided: bool  #: the other is ruled out
-    #: how far the directions lie from the better one, root mean square beyond their own errors [rad]
+    #: rms scatter of the directions about the better one, beyond their errors [rad]
     scatter_rad: float
 
 
@@ -471,9 +470,9 @@ def fit_axis(
     std_error_rad : (n,) array
         Standard error of their difference, > 0 [rad].
     common_error_rad : float
-        Error of the directions that all share: how well the reference itself is known [rad].
+        Error that all directions share, that of the reference [rad].
     expected_rad, expected_error_rad : float
-        The offset as one knows it beforehand, such as from a mark on the mount, and how well [rad].
+        The approximate offset, for example from a mark on the mount, and its error [rad].
 
     Raises
     ------
@@ -482,11 +481,11 @@ def fit_axis(
 
     Notes
     -----
-    offset = axis - sense * stage. A single pair fits either sense. What decides is a second direction (not at
-    90 deg to the first), or an offset that is roughly known and a reference that is not along or across it:
-    with the reference at 0 or 90 deg to the axis of the stage's zero, both senses give one offset.
+    offset = axis - sense * stage. A single pair fits either sense. A second direction (not at 90 deg to the first)
+    decides, or an approximate offset, unless the reference is at 0 or 90 deg to the axis at stage angle zero: then both
+    senses give the same offset.
 
-    The standard error grows with the scatter of the pairs where that is larger than their errors.
+    Scatter of the pairs beyond their errors enlarges the standard error.
     """
     if len(axis_rad) == 0:
         raise CalibrationError("no angle is known in both the picture and the stage")
@@ -534,7 +533,7 @@ def half_turn(angle_rad: FloatArray) -> FloatArray:
     return wrapped
 
 
-# The matrix that makes Stokes parameters of intensities, measured with known states of polarization
+# The data reduction matrix, measured with known states of polarization
 
 
 _LINEAR = 3
@@ -576,7 +575,7 @@ def measured_data_reduction(states: FloatArray, intensities: FloatArray) -> Data
     Notes
     -----
     W = states @ pseudo-inverse of the intensities, of which the first three singular values are kept: linear light has
-    three parameters, and the others would carry noise into W. Standard errors to first order from the residuals
+    three parameters; the others are noise. Standard errors to first order from the residuals
     of each channel.
 
     References
@@ -586,7 +585,7 @@ def measured_data_reduction(states: FloatArray, intensities: FloatArray) -> Data
     n_channels, n_states = intensities.shape
     if n_channels < _LINEAR or n_states <= _LINEAR:
         raise CalibrationError(
-            f"{n_channels} analyzer angles and {n_states} states are given; W needs 3 angles and 4 states or more"
+            f"{n_channels} analyzer angles and {n_states} states are given; W needs at least 3 angles and 4 states"
         )
     left, singular, right = np.linalg.svd(intensities, full_matrices=False)
     if (
@@ -596,7 +595,7 @@ def measured_data_reduction(states: FloatArray, intensities: FloatArray) -> Data
         raise CalibrationError(
             f"the states or the analyzer angles do not span linear polarization (singular values "
             f"{singular[:_LINEAR]}): angles that differ by 180 deg are repeats; "
-            f"take three different ones or more of each"
+            f"take at least three different ones of each"
         )
     inverse = (right[:_LINEAR].T / singular[:_LINEAR]) @ left[:, :_LINEAR].T
     matrix = states @ inverse

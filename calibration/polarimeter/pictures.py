@@ -14,25 +14,25 @@ from calibration.results import CalibrationError
 FloatArray = NDArray[np.float64]
 _Picture = NDArray[np.float32]
 
-# Smoothing before the gradient [pixel]: less lets noise in, more loses the edges that fix the shift.
+# Smoothing before the gradient [pixel]: less passes noise, more blurs the edges.
 _SMOOTHING_PIXELS = 2.0
 _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 100, 1e-6)
-# Shifts that a pass moves by less than this have settled: an eightieth of the error of a step [pixel].
+# Change of the shifts at which the passes end: an eightieth of the error of a step [pixel].
 _PASSES, _SETTLED_PIXELS = 4, 1e-4
 _TILES_ACROSS = 3
 _LEAST_TILE_PIXELS = 48
-# Correlation that slopes of the edges of two pictures have at least, in every direction, where edges fix a shift. That
-# of noise alone is below it but once in a million: smoothing leaves one independent value in 25 pixels.
+# Least correlation of the edges of two pictures in every direction. Noise alone reaches it once in a million: smoothing
+# leaves one independent value in 25 pixels.
 _LEAST_IN_COMMON = 0.05
 _NOISE_IN_COMMON = 5.0 * 25.0**0.5
 # OpenCV moves pictures in steps of a thirty-second of a pixel.
 _STEP_ERROR_PIXELS = 1.0 / 32.0 / 12.0**0.5
 _DIRECTIONS = 12
-# Shifts below this are none, and need no proof [pixel].
+# Shifts below this count as none [pixel].
 _TOO_SMALL_PIXELS = 0.05
-# Ninths of a picture that scatter by more than this, and by more than this share of the shift, have not one shift.
+# If the ninths of a picture scatter by more than this, and by more than this share of the shift, it has no one shift.
 _LARGE_SCATTER_PIXELS, _LARGE_SCATTER_SHARE = 0.4, 0.5
-# Around unusable pixels others are looked for so far [pixel].
+# Distance within which unusable pixels are filled from others [pixel].
 _REACHES_PIXELS = (2.0, 8.0, 32.0)
 
 
@@ -40,16 +40,16 @@ _REACHES_PIXELS = (2.0, 8.0, 32.0)
 class Registration:
     """Shifts of pictures against the first."""
 
-    #: (N, 2): x to the right, y down: what is at (x, y) in the first picture is at (x, y) + shift in the other
+    #: (N, 2): x to the right, y down: a point at (x, y) in the first picture is at (x, y) + shift in the other
     shift_pixels: FloatArray
-    std_error_pixels: FloatArray  #: (N, 2): from how ninths of the picture differ
+    std_error_pixels: FloatArray  #: (N, 2): from the differences between ninths of the picture
     #: (N, 2): of the edges, as a share of them, before and after the picture is moved back by what one half of the
     #: ninths says, in the other half; both halves in turn
     edge_residual: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
 
     @property
     def scatter_pixels(self) -> FloatArray:
-        """By how much the shifts of ninths of a picture scatter, standard deviation, shape (N,)."""
+        """Standard deviation of the shifts of ninths of each picture, shape (N,)."""
         return np.asarray(np.linalg.norm(self.std_error_pixels, axis=1) * _TILES_ACROSS)
 
     def is_plain(self, index: int) -> bool:
@@ -76,15 +76,15 @@ def register(pictures: FloatArray, usable: NDArray[np.bool_] | None = None) -> R
     Raises
     ------
     CalibrationError
-        Pictures are too small or too few, or have nothing in them that fixes a shift.
+        Pictures are too small or too few, or lack edges.
 
     Notes
     -----
-    Polarized light makes pictures of one scene differ, and methods that compare intensities take that for a
-    shift (0.2 pixel on a natural scene with DoLP up to 0.4). Here the magnitude of the smoothed gradient is compared,
+    Polarized light makes pictures of one scene differ, which methods that compare intensities mistake for a shift
+    (0.2 pixel on a natural scene with DoLP up to 0.4). Here the magnitude of the smoothed gradient is compared,
     by OpenCV's enhanced correlation coefficient, with that of the mean of all pictures, moved back by the shifts
-    found so far. What is left is below 0.05 pixel on such a scene, and is in the standard errors as far as it
-    differs from place to place. Translation only. Shifts of several pixels or more want a scene with large shapes.
+    found so far. The remaining error is below 0.05 pixel on such a scene; the standard errors include the part that
+    varies over the picture. Translation only. Shifts of several pixels need a scene with large shapes.
 
     References
     ----------
@@ -92,8 +92,8 @@ def register(pictures: FloatArray, usable: NDArray[np.bool_] | None = None) -> R
     """
     if len(pictures) < 2 or min(pictures.shape[1:]) < _TILES_ACROSS * _LEAST_TILE_PIXELS:
         raise CalibrationError(
-            f"pictures {pictures.shape} are too few or too small to register: two or more are needed, "
-            f"with both sides {_TILES_ACROSS * _LEAST_TILE_PIXELS} pixels or more"
+            f"pictures {pictures.shape} are too few or too small to register: at least two are needed, "
+            f"with sides of at least {_TILES_ACROSS * _LEAST_TILE_PIXELS} pixels"
         )
     frames = [_filled(picture, usable) for picture in pictures]
     edges = [_edges(frame) for frame in frames]
@@ -114,7 +114,7 @@ def register(pictures: FloatArray, usable: NDArray[np.bool_] | None = None) -> R
 
 
 def _filled(picture: FloatArray, usable: NDArray[np.bool_] | None) -> _Picture:
-    """Return a picture whose unusable pixels are like the usable ones around them, so that they make no edges."""
+    """Return a picture with unusable pixels filled from their neighbours, so that they make no edges."""
     if usable is None or usable.all():
         return np.asarray(picture, dtype=np.float32)
     if not usable.any():
@@ -161,7 +161,7 @@ def _warped(picture: _Picture, shift: FloatArray) -> _Picture:
 
 
 def _require_edges_in_common(frames: list[_Picture], shifts: FloatArray) -> None:
-    """Refuse pictures whose edges, moved back, do not fix a shift in some direction, such as along parallel lines."""
+    """Refuse pictures whose edges leave a shift in some direction undetermined, such as along parallel lines."""
     first = _slopes(_edges(frames[0]))
     least = max(_LEAST_IN_COMMON, _NOISE_IN_COMMON / first.shape[1] ** 0.5)
     directions_rad = np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS
@@ -176,13 +176,13 @@ def _require_edges_in_common(frames: list[_Picture], shifts: FloatArray) -> None
             raise CalibrationError(
                 f"pictures cannot be registered: the edges of picture {index} and of the first have too little in "
                 f"common along {across_deg:.0f} deg (clockwise from the rows; {common[weakest]:.2f}, at least "
-                f"{least:.2f} is needed), so that a shift that way is not fixed: look at something with edges "
-                f"in every direction, in focus, such as a printed pattern"
+                f"{least:.2f} is needed), so this shift is not determined: use a scene with edges in every "
+                f"direction, in focus, such as a printed pattern"
             )
 
 
 def _slopes(edges: _Picture) -> FloatArray:
-    """Return the slopes of a picture across and down, of every pixel, shape (2, pixels); their means taken off."""
+    """Return the gradient of a picture across and down, less its mean, shape (2, pixels)."""
     slopes = np.array([cv2.Sobel(edges, cv2.CV_64F, *order).ravel() for order in ((1, 0), (0, 1))])
     centred: FloatArray = slopes - slopes.mean(axis=1, keepdims=True)
     return centred
@@ -198,7 +198,7 @@ def _tiles(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
 
 
 def _tile_shifts(reference: _Picture, edges: list[_Picture], shifts: FloatArray) -> FloatArray:
-    """Return the shifts of ninths of the edges, shape (N, 9, 2); those of the first are nothing."""
+    """Return the shifts of ninths of the edges, shape (N, 9, 2); zero for the first picture."""
     tiles = _tiles(reference.shape)
     found = np.zeros((len(edges), len(tiles), 2))
     for index, (moved, shift) in enumerate(zip(edges[1:], shifts[1:], strict=True), start=1):
@@ -236,7 +236,7 @@ def _left(reference: _Picture, edges: _Picture) -> float:
     return 1.0 - float(own @ other) ** 2 / power if power > 0.0 else 1.0
 
 
-# The walk of the picture as the polarizer turns, and pictures moved back by it: what that does to their noise
+# Shift of the picture as the polarizer turns, and noise of pictures that are shifted back
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -246,8 +246,8 @@ class Wander:
     #: shift = centre + turning * exp(i sense stage angle), x in the real part, y (down) in the imaginary
     centre_pixels: complex
     turning_pixels: complex
-    sense: int  #: which way the picture walks on its circle
-    residual_pixels: float  #: root mean square of what is left, per axis; 0 where there is no freedom left
+    sense: int  #: sense of rotation on the circle
+    residual_pixels: float  #: rms residual per axis; 0 without degrees of freedom
 
     def shift_pixels(self, stage_rad: float, *, against_rad: float) -> FloatArray:
         """Return the shift (x, y) of the picture at one stage angle against that at another."""
@@ -257,13 +257,13 @@ class Wander:
 
 
 def fit_wander(stage_rad: FloatArray, shift_pixels: FloatArray, *, sense: int = 1) -> Wander:
-    """Return the circle on which the picture walks while a wedge turns with the polarizer.
+    """Return the circle of the shifts while a wedge turns with the polarizer.
 
     The wrong sense makes the residual large.
     """
     design = np.column_stack([np.ones(len(stage_rad)), np.exp(1j * sense * stage_rad)])
     if np.linalg.matrix_rank(design) < 2:
-        raise CalibrationError("all stage angles are the same; the walk of the picture needs two or more")
+        raise CalibrationError("all stage angles are the same; the circle of shifts needs at least two")
     shifts = shift_pixels[:, 0] + 1j * shift_pixels[:, 1]
     terms = np.linalg.pinv(design) @ shifts
     freedom = 2 * (len(shifts) - 2)
@@ -275,10 +275,10 @@ def fit_wander(stage_rad: FloatArray, shift_pixels: FloatArray, *, sense: int = 
 
 
 def moved_back(picture: FloatArray, shift_pixels: FloatArray) -> tuple[FloatArray, float]:
-    """Return a picture moved back by a shift, and the factor by which that makes its pixels' variance smaller.
+    """Return a picture shifted back, and the factor by which that lowers the variance of its pixels.
 
-    Bilinear. Each new pixel is a mean of up to four, so that white noise falls (to a quarter at half a pixel both ways)
-    and neighbours share it. Next to the border the picture is mirrored; mask as many pixels as the shift has.
+    Bilinear: each new pixel is a mean of up to four, so white noise falls (to a quarter at half a pixel both ways) and
+    neighbours share it. The picture is mirrored at the border; mask as many pixels as the shift.
     """
     part_x, part_y = shift_pixels - np.floor(shift_pixels)
     factor = ((1.0 - part_x) ** 2 + part_x**2) * ((1.0 - part_y) ** 2 + part_y**2)
@@ -316,14 +316,14 @@ class FlatField:
     """A picture of even light, over its mean."""
 
     response: FloatArray  #: (H, W): of each pixel, mean 1
-    std_error: FloatArray  #: (H, W): of it, from how frames differ
+    std_error: FloatArray  #: (H, W): its error, from the scatter of the frames
     mean_dn: float  #: the light, dark taken off, and its standard error [DN]
     mean_error_dn: float
     frames: int  #: how many frames
 
     @property
     def pattern_rms(self) -> float:
-        """Standard deviation from pixel to pixel, the flat's own noise taken off; relative."""
+        """Relative standard deviation from pixel to pixel, without the noise of the flat."""
         return float(np.sqrt(max(0.0, float(np.var(self.response)) - self.noise_rms**2)))
 
     @property
@@ -349,8 +349,8 @@ def flat_field(frames: Iterable[NDArray[np.uint16]], dark_dn: FloatArray) -> Fla
 
     Notes
     -----
-    Each pixel's error is from its own scatter over the frames. The noise of the dark is not in it: take as many darks
-    as flats, and the flats near saturation. The error of the mean is from how the means of frames differ.
+    Each pixel's error is from its own scatter over the frames, without the noise of the dark: take as many darks as
+    flats, and the flats near saturation. The error of the mean is from the scatter of frame means.
     """
     total, squares, means = np.zeros_like(dark_dn), np.zeros_like(dark_dn), []
     for frame in frames:
@@ -360,7 +360,7 @@ def flat_field(frames: Iterable[NDArray[np.uint16]], dark_dn: FloatArray) -> Fla
         means.append(float(signal.mean()))
     count = len(means)
     if count < _LEAST_FRAMES:
-        raise CalibrationError(f"{count} flat frames at an angle; two or more are needed, to know their noise")
+        raise CalibrationError(f"{count} flat frames at an angle; at least two are needed to know their noise")
     mean_dn = float(np.mean(means))
     if mean_dn <= 0.0:
         raise CalibrationError("flat frames are not brighter than dark frames: check the lamp and the exposures")
@@ -406,7 +406,7 @@ class AffineMap:
 def fit_affine(before: FloatArray, after: FloatArray) -> AffineMap:
     """Return the least-squares affine map from points to points.
 
-    Definition: ordinary least squares, one row of the map a coordinate.
+    Definition: ordinary least squares, one row of the map for each coordinate.
     """
     if len(before) < _LEAST_POINTS:
         raise CalibrationError(f"an affine map needs {_LEAST_POINTS} points, {len(before)} were given")

@@ -6,8 +6,8 @@ current, the values at no exposure are black level and read noise.
 *Photon transfer*: the variance of photon noise is proportional to the signal, and the slope is the gain. The dark part
 of each flat is subtracted first, at the same exposure (`match_darks`).
 
-*Response*: mean against light. A sensor that is not quite linear bends the photon-transfer curve too, by a factor that
-is known.
+*Response*: mean against light. A nonlinear sensor also bends the photon-transfer curve, by a known
+factor.
 
 *Saturation*: the signal of largest temporal variance; beyond it pixels are full and their noise vanishes.
 
@@ -40,18 +40,18 @@ LightKind = Literal["exposure", "photons"]
 
 # Variance of a rounding error, uniform over one count.
 QUANTISATION_VAR_DN2 = 1.0 / 12.0
-# Below this temporal variance rounding is not dithered, and the measured variance says little of the noise before it.
+# Below this temporal variance noise does not dither the rounding, and the measured variance is meaningless.
 QUANTISATION_LIMIT_DN2 = 0.24
-# A noise that is not resolved has a variance between that of rounding alone and the limit, evenly likely.
+# The variance of unresolved noise is taken as uniform between that of rounding and the limit.
 _UNRESOLVED_VARIANCE_DN2 = 0.5 * (QUANTISATION_VAR_DN2 + QUANTISATION_LIMIT_DN2)
 _UNRESOLVED_VARIANCE_ERROR_DN2 = (QUANTISATION_LIMIT_DN2 - QUANTISATION_VAR_DN2) / np.sqrt(12.0)
 _TINY = np.finfo(float).tiny
 
-# A level with more of its samples at the ceiling is saturated.
+# Least share of samples at the ceiling in a saturated level.
 SATURATED_FRACTION = 1e-3
-# Noise alone puts a few samples of a level at its largest value, or a few per mille where rounding is coarse.
+# Noise alone puts a few samples of a level at its largest value, a few per mille if rounding is coarse.
 _PILED_FRACTION, _ALIKE_LEVELS = 0.5, 2
-# A fall of the variance by this much is saturation; real points scatter by a per cent or two.
+# Fall of the variance at saturation; real points scatter by a per cent or two.
 _FALL = 0.1
 
 # Light that wanders: passes of the weighted fit; neighbours that are compared, the excess over the model that chance
@@ -60,7 +60,7 @@ _WANDER_PASSES, _NEIGHBOURS = 4, 5
 _EXCESS, _FEW = 4.0, 2.5
 _WILD, _WILDER = 0.03, 6.0
 
-# Exposures that count as the same, relative.
+# Relative difference of exposures that count as equal.
 _EXPOSURE_TOLERANCE = 1e-3
 # Exposures from which on a bend of the dark mean is looked for, the chance that there is none where one is found, and
 # the largest degree.
@@ -68,11 +68,11 @@ _BEND_EXPOSURES, _FALSE_BEND, _LARGEST_DEGREE = 6, 1e-4, 4
 
 # Upper end of the photon-transfer fit, as a share of saturation. The standard's is 0.7, for a fit without a bend.
 RANGE_OF_SATURATION = 0.8
-# Between the range of the fit and saturation a response may bend by so much more than below.
+# Factor by which a response may bend more between the range of the fit and saturation than below.
 _NEAR_SATURATION, _BEND_BEYOND = 0.95, (0.01, 0.015)
-# Variance over signal of one level above both neighbours by this much, and by so many errors.
+# Least excess of a level's variance over signal above both neighbours, relative and in errors.
 _SPIKE, _SPIKE_SIGMA = 1.1, 6.0
-# Levels at the bright end that are compared, and by how much of its noise a mean is low where pixels are full.
+# Levels compared at the bright end, and how far full pixels lower a mean, in its noise.
 _END_LEVELS, _CUT_OFF = 4, 0.3
 # From this many levels on a bend is fitted; below it would take all the freedom there is. From the second number on a
 # cubic term is fitted too where the response of the sensor is not known.
@@ -81,11 +81,11 @@ _TRANSFER_PASSES = 3
 
 # Least levels for a response: its cubic with an offset has four terms; three more levels show the scatter about it.
 LINEARITY_LEVELS, _RESPONSE_TERMS = 7, 4
-# Photons per exposure that are the same to this much are of one lamp setting; exposures are then the better known.
+# Relative spread of photons per exposure within one lamp setting; exposures are then more accurate than photons.
 _ONE_LAMP = 0.02
 _ROOT_STEPS, _STEP_OF_ERROR, _NEWTON_STEPS = 5, 1e-3, 6
 
-# A dark current that doubles is this many standard errors above 0.
+# Least dark current for a doubling interval, in standard errors.
 _RESOLVED_SIGMA = 3.0
 
 
@@ -93,15 +93,15 @@ _RESOLVED_SIGMA = 3.0
 class DarkSignal:
     """Dark signal against exposure."""
 
-    mean_fit: ScatterFit  #: black level [DN], and its growth [DN/s] and further powers where they are known
+    mean_fit: ScatterFit  #: black level [DN], growth [DN/s] and, where known, higher powers
     variance_fit: ScatterFit | None  #: likewise of the temporal variance [DN^2]; None where rounding hides it
     has_slope: bool  #: the mean is a straight line of known exposures
-    is_curved: bool  #: the mean is a polynomial of higher degree: the dark current changed
-    means_dn: FloatArray  #: (n,): of each dark level, and its temporal variance with the errors that go with it
+    is_curved: bool  #: the mean is a polynomial of higher degree because the dark current changed
+    means_dn: FloatArray  #: (n,): of each dark level; temporal variance with its errors
     variances_dn2: FloatArray
     variance_covariance_dn4: FloatArray  #: (n, n)
     quantisation_limited: bool  #: rounding hides the noise of dark frames
-    shared_error_dn: float  #: error that all means share, by rounding or of a stated black level
+    shared_error_dn: float  #: error common to all means, from rounding or from a stated black level
 
     def mean_at(self, exposure_s: FloatArray) -> FloatArray:
         """Return the fitted mean at an exposure [DN]."""
@@ -117,7 +117,7 @@ class DarkSignal:
 
 @dataclass(frozen=True, kw_only=True)
 class LightStability:
-    """Wander of a frame's mean beyond the noise of its pixels."""
+    """Scatter of frame means beyond the noise of their pixels."""
 
     relative: float
     constant_dn: float
@@ -147,10 +147,10 @@ class LinearityCurve:
 
     @property
     def variance_cubic_per_dn2(self) -> float:
-        """The relative term in signal^2 that the response gives a photon-transfer curve [DN^-2].
+        """Relative term in signal^2 of the photon-transfer curve due to the response [DN^-2].
 
-        Noise of photons passes the response with its slope: variance = gain x (d signal / d x)^2; x expressed by
-        the signal, this is gain signal (1 + 3 quadratic signal + (5 cubic - 2 quadratic^2) signal^2 + ...).
+        The response multiplies photon noise by its slope: variance = gain x (d signal / d x)^2, which is
+        gain signal (1 + 3 quadratic signal + (5 cubic - 2 quadratic^2) signal^2 + ...).
         """
         return 5.0 * self.cubic_per_dn2 - 2.0 * self.quadratic_per_dn**2
 
@@ -158,15 +158,15 @@ class LinearityCurve:
     def variance_cubic_error_per_dn2(self) -> float:
         """Standard error of `variance_cubic_per_dn2` [DN^-2].
 
-        A lamp that fades or brightens evenly makes a quadratic term b with a cubic one of 2 b^2, and no term of the
-        photon-transfer curve: 8 b^2 less than it seems. Whether b is the sensor's or the lamp's is not known.
+        A lamp that drifts evenly makes a quadratic term b and a cubic one of 2 b^2 but no term of the
+        photon-transfer curve, 8 b^2 less than computed. The data do not tell whether b is the sensor's or the lamp's.
         """
         gradient = np.array([-4.0 * self.quadratic_per_dn, 5.0])
         of_the_lamp = 8.0 * self.quadratic_per_dn**2 / np.sqrt(3.0)
         return float(np.hypot(np.sqrt(gradient @ self.covariance @ gradient), of_the_lamp))
 
     def departure(self, x_dn: float) -> float:
-        """Return how far the response is off its slope at no light, relative."""
+        """Return the relative departure of the response from its slope at zero light."""
         return (self.quadratic_per_dn + self.cubic_per_dn2 * x_dn) * x_dn
 
     def slope(self, x_dn: float) -> float:
@@ -183,7 +183,7 @@ class TransferPoints:
     flat_variance_dn2: FloatArray  #: temporal variance of the flats, and its sampling error
     flat_std_error_dn2: FloatArray
     dark_covariance_dn4: FloatArray  #: (n, n): of the subtracted dark variances
-    black_error_dn: float  #: error that all signals share
+    black_error_dn: float  #: error common to all signals
     saturated: Mask
 
     @property
@@ -202,10 +202,10 @@ class PhotonTransfer:
     #: gain [DN/e-], and bend and cubic term where they were fitted, from the used points' variances; the scatter is
     #: that of the gain [DN/e-]
     fit: ScatterFit
-    #: the sensor's response, where the light of the levels is known; the cubic term is then its
+    #: the sensor's response if the light of the levels is known; it then gives the cubic term
     linearity: LinearityCurve | None
     saturation: SaturationLevel | None  #: where the variance is largest; None where it never falls
-    #: part of the gain's relative error: a change of the gain with the level looks like a change of the lamp
+    #: part of the gain's relative error: a change of gain with level looks like a change of the lamp
     relative_gain_error_of_change: float = 0.0
 
     @property
@@ -225,12 +225,12 @@ class PhotonTransfer:
 
     @property
     def gain_response(self) -> FloatArray:
-        """Derivative of the gain by the variance of each used point [1/(e- DN)]."""
+        """Derivative of the gain with respect to the variance of each used point [1/(e- DN)]."""
         return self.fit.response[0, : int(np.count_nonzero(self.used))]
 
     @property
     def gain_shifts(self) -> FloatArray:
-        """Change of the gain by leaving each used point out, the weights of the others kept [DN/e-]."""
+        """Change of the gain without each used point, at equal weights of the others [DN/e-]."""
         signal, n = self.points.signal_dn[self.used], int(np.count_nonzero(self.used))
         design = signal[:, None] ** np.arange(1, len(self.fit.parameters) + 1)
         leverage = np.einsum("ij,ji->i", design, self.fit.response[:, :n])
@@ -245,7 +245,7 @@ class PhotonTransfer:
 
     @property
     def gain_variance_beyond_sampling(self) -> float:
-        """Variance of the gain by scatter, change of the gain, response, and the error that all signals share."""
+        """Variance of the gain from scatter, change of the gain, response, and the common error of all signals."""
         scattered = self.gain_response * self.points.signal_dn[self.used]
         of_change = self.relative_gain_error_of_change * self.gain_dn_per_e
         of_response = 0.0
@@ -280,10 +280,10 @@ class DoublingTemperature:
 
 
 def sample_ceiling_dn(levels: Sequence[LevelStatistics], *, bit_depth: int) -> int:
-    """Return the value at which a saturated pixel stands [DN].
+    """Return the counts of a saturated pixel [DN].
 
-    Full scale, unless no sample reaches it and flats end at a smaller value: one of them with half of its samples
-    there, or two with 0.1 % each. Cameras do that whose black level is subtracted after the converter.
+    Full scale, unless no sample reaches it and flats end at a smaller value: one flat with half of its samples there,
+    or two with 0.1 % each. This happens in cameras that subtract the black level after the converter.
     """
     full_scale_dn = (1 << bit_depth) - 1
     largest = max(level.samples.max_dn for level in levels)
@@ -296,17 +296,17 @@ def sample_ceiling_dn(levels: Sequence[LevelStatistics], *, bit_depth: int) -> i
 
 
 def is_saturated(level: LevelStatistics, ceiling_dn: int) -> bool:
-    """Return whether more than 0.1 % of a level's samples stand at the ceiling [DN]."""
+    """Return whether more than 0.1 % of a level's samples are at the ceiling [DN]."""
     return level.samples.max_dn >= ceiling_dn and level.samples.max_fraction > SATURATED_FRACTION
 
 
 def saturation_level(*, signal_dn: FloatArray, variance_dn2: FloatArray) -> SaturationLevel | None:
-    """Return the signal at which the temporal variance is largest, None if the sweep does not show it rise and fall.
+    """Return the signal of largest temporal variance, None unless the variance rises and falls.
 
-    The variance rises with the signal and then falls within a few of its own square roots; between two levels
-    of a sweep its course is not known. The peak is below the first level whose variance is a tenth less than the
-    largest (less than that may be scatter), and not below the signal at which the rise, in proportion from the level
-    before, has that largest variance. The result is the middle of this interval, and its error is the interval's.
+    The variance rises with the signal and then falls within a few of its own square roots, often between two levels
+    of the sweep. The peak lies below the first level whose variance is a tenth less than the largest, and not below
+    the signal at which a proportional rise from the level before reaches the largest variance. The result is the
+    middle of this interval, with its error.
 
     EMVA Standard 1288, Release 4.0 Linear, section 6.7, which takes the sampled level itself.
     """
@@ -324,14 +324,14 @@ def saturation_level(*, signal_dn: FloatArray, variance_dn2: FloatArray) -> Satu
     )
 
 
-# Wander of the light from frame to frame, from the repeats within the levels
+# Instability of the light from frame to frame, from repeats within levels
 
 
 def light_stability(flats: Sequence[LevelStatistics], signal_dn: FloatArray) -> LightStability:
-    """Return how much the means of frames of one level wander.
+    """Return the scatter of frame means within levels.
 
-    Least squares of the variances of frame means, less the noise of pixels, on 1 and signal^2, each weighted as a
-    variance of its own size scatters; a part below 0 counts as 0.
+    Least squares of the variances of frame means, less the noise of pixels, on 1 and signal^2, weighted by
+    their own sampling errors; a part below 0 counts as 0.
     """
     freedom, between, noise = _frame_scatter(flats)
     design = np.column_stack([np.ones(len(flats)), np.square(signal_dn)])
@@ -345,19 +345,19 @@ def light_stability(flats: Sequence[LevelStatistics], signal_dn: FloatArray) -> 
 def wander_variance_dn2(
     flats: Sequence[LevelStatistics], signal_dn: FloatArray, stability: LightStability
 ) -> FloatArray:
-    """Return the variance of a single frame's mean by wander of the light, for each level [DN^2].
+    """Return the variance of a frame's mean due to unsteady light, for each level [DN^2].
 
-    By the two parts of the stability, or by the scatter of five neighbouring levels where that is larger: the beat of a
-    lamp with the exposure follows neither part.
+    From the two parts of the stability, or from the scatter of five neighbouring levels if that is larger: the beat of
+    a lamp with the exposure follows neither part.
     """
     freedom, between, noise = _frame_scatter(flats)
     model = stability.constant_dn**2 + np.square(stability.relative * signal_dn)
     window = np.ones(min(_NEIGHBOURS, len(flats)))
     measured, expected = (np.convolve(one * freedom, window, "same") for one in (between - noise, model + noise))
-    # Neighbours wander by more or fewer counts as they are brighter or fainter: compared with their expectation.
+    # Scatter grows with brightness, so neighbours are compared with their expectation.
     excess = measured / np.maximum(expected, _TINY)
     local = np.where(excess > _EXCESS, _FEW * excess * (model + noise), model)
-    # Light that wanders by so much follows no normal law.
+    # Such unsteady light follows no normal law.
     wild = local > np.square(_WILD * signal_dn)
     variance: FloatArray = np.where(wild, _WILDER * local, local)
     return variance
@@ -387,8 +387,8 @@ def _not_below_zero(design: FloatArray, values: FloatArray) -> FloatArray:
 def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
     """Return the straight lines through mean and variance of dark levels.
 
-    With one exposure, or unknown ones, the lines have no slope, and what dark current does within that
-    exposure counts as black level and read noise.
+    With one exposure, or unknown ones, the lines have no slope, and the dark current of that exposure counts as black
+    level and read noise.
 
     EMVA Standard 1288, Release 4.0 Linear, sections 6.5 and 7.1.
     """
@@ -401,7 +401,7 @@ def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
     limited = bool(np.median(variances) < QUANTISATION_LIMIT_DN2)
     bent = None if limited or not has_slope else _bent_fit(mean_fit, exposures, means, sampling)
     if bent is not None:
-        # However a dark current changes, its electrons add to the variance what they add to the mean.
+        # Dark electrons add equally to mean and variance, even if the dark current changes.
         mean_fit = bent
         along = np.polynomial.polynomial.polyval(exposures, bent.parameters) - bent.parameters[0]
         design = np.column_stack([ones, along])
@@ -433,10 +433,10 @@ def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
 
 
 def stated_dark_signal(black_level_dn: Estimate, flats: Sequence[LevelStatistics]) -> DarkSignal:
-    """Return the dark signal of flats without dark frames, whose black level is known from elsewhere.
+    """Return the dark signal of flats without dark frames, from a stated black level.
 
-    The dark variance is somewhere between 0 and the variance of the faintest flat. All flats share its error, which
-    leaves the photon-transfer curve an intercept of its own. Dark current counts as light in mean and variance alike.
+    The dark variance lies between 0 and the variance of the faintest flat. All flats share its error, so the
+    photon-transfer curve gets an intercept. Dark current counts as light in both mean and variance.
     """
     half_dn2 = 0.5 * min(flat.temporal_variance_dn2 for flat in flats)
     mean = np.array([black_level_dn.value])
@@ -460,9 +460,9 @@ def stated_dark_signal(black_level_dn: Estimate, flats: Sequence[LevelStatistics
 
 
 def mean_sampling_variance(darks: Sequence[LevelStatistics]) -> FloatArray:
-    """Return the variance of each level's mean: noise of its pixels, wander of whole frames, and rounding.
+    """Return the variance of each level's mean: noise of pixels, scatter of frames, and rounding.
 
-    Dark current may dither the rounding of long exposures alone: the mean of the short ones is then off.
+    If dark current dithers the rounding of long exposures only, the means of short ones are biased.
     """
     freedom, between, noise = _frame_scatter(darks)
     wander = max(0.0, float(freedom @ (between - noise) / freedom.sum()))
@@ -472,11 +472,10 @@ def mean_sampling_variance(darks: Sequence[LevelStatistics]) -> FloatArray:
 
 
 def match_darks(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics]) -> FloatArray:
-    """Return the weights (flats, darks) of the dark levels that stand for the dark part of each flat.
+    """Return the weights (flats, darks) of dark levels in the dark part of each flat.
 
-    These are the darks of the same exposure, interpolated between neighbours where there are none. Outside of the
-    darks' exposures the nearest one is taken; where an exposure is not known, all of them. Without darks one stated
-    level stands for all.
+    Darks of the same exposure, or interpolated between neighbours; the nearest outside the range of dark exposures; all
+    if an exposure is unknown; without darks, the one stated level.
     """
     if not darks:
         return np.ones((len(flats), 1))
@@ -492,7 +491,7 @@ def match_darks(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistic
 
 
 def beyond_darks(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics]) -> Mask:
-    """Return which flats have an exposure outside of those of the darks; without darks, none of them."""
+    """Return which flats lie outside the exposures of the darks; without darks, none."""
     if not darks:
         return np.zeros(len(flats), dtype=bool)
     times, of_flats = column(darks, "exposure_s"), column(flats, "exposure_s")
@@ -504,9 +503,9 @@ def beyond_darks(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatisti
 
 
 def _bent_fit(line: ScatterFit, exposures: FloatArray, means: FloatArray, sampling: FloatArray) -> ScatterFit | None:
-    """Return the polynomial of lowest degree whose next term is not significant, None where a line is enough.
+    """Return the polynomial of lowest degree whose next term is not significant, None if a line is enough.
 
-    How a dark current changes is not known: one term more may be there, and moves the mean at no exposure.
+    Its error includes one more term, since the course of the dark current is unknown.
     """
     before = chosen = following = line
     largest = min(_LARGEST_DEGREE, len(np.unique(exposures)) - _BEND_EXPOSURES + 2)
@@ -565,10 +564,10 @@ def _fit_variance(
 
 
 def _shared_variance_error_dn2(darks: Sequence[LevelStatistics]) -> float:
-    """Return the error that all dark variances may share: noise cut off at 0, and rounding that is hardly dithered.
+    """Return the common error of all dark variances: noise clipped at 0, and undithered rounding.
 
-    A normal law that is cut off at z standard deviations below its mean, with p beyond, has a variance that is smaller
-    by z phi(z) + p - z^2 p of itself.
+    Clipping a normal law z standard deviations below its mean, with probability p beyond, lowers its variance by the
+    share z phi(z) + p - z^2 p.
     """
     variance = float(np.median(column(darks, "temporal_variance_dn2")))
     spatial = np.array(np.median(pattern_variances(darks)))
@@ -584,7 +583,7 @@ def _shared_variance_error_dn2(darks: Sequence[LevelStatistics]) -> float:
 def _smoothed_variance_error(darks: Sequence[LevelStatistics], model_dn2: FloatArray) -> FloatArray:
     """Return the sampling variance of each temporal variance, relative as measured, absolute by the model.
 
-    A point that is low by chance has a small error by its own measure; weighted by it, a fit is too low.
+    Errors from measured variances would bias the fit low, because a variance low by chance states a small error.
     """
     relative = column(darks, "temporal_std_error_dn2") / column(darks, "temporal_variance_dn2")
     smoothed: FloatArray = np.square(relative * model_dn2)
@@ -599,10 +598,9 @@ def fit_linearity(
 ) -> LinearityCurve | None:
     """Return the response of a sensor, None where the light of the levels is not known or takes too few values.
 
-    Fitted is a cubic in the light with an offset: an exposure is often longer or shorter than stated by a fixed
-    time. Offset and slope then say where the light is 0, and the cubic is written about that point. Scatter
-    of the lamp is estimated from the levels, in proportion to the signal; a lamp that is unsteady makes the
-    errors of the curve large, and no more.
+    The fit is a cubic in the light with an offset, since exposures often differ from the stated ones by a fixed time.
+    Offset and slope locate zero light, and the cubic is written about that point. Scatter of the lamp is estimated from
+    the levels, in proportion to the signal; an unsteady lamp only makes the errors of the curve larger.
     """
     photons = column(flats, "photons")
     light, kind = _light(column(flats, "exposure_s"), photons)
@@ -637,7 +635,7 @@ def fit_linearity(
 
 
 def _light(exposures: FloatArray, photons: FloatArray) -> tuple[FloatArray | None, LightKind]:
-    """Return photons, or exposures where photons are not known or one lamp setting makes both the same."""
+    """Return photons, or exposures if photons are unknown or proportional to them."""
     exposures_known = not np.isnan(exposures).any()
     is_one_lamp = False
     if exposures_known and exposures.min() > 0.0:
@@ -687,7 +685,7 @@ def transfer_points(
 def usable_points(
     points: TransferPoints, *, full_signal_dn: float, light: FloatArray | None = None
 ) -> tuple[Mask, SaturationLevel | None]:
-    """Return which points a fit may use, and saturation; None where it is not reached.
+    """Return which points the fit may use, and saturation; None if it is not reached.
 
     Usable are points up to 80 % of saturation with less than 0.1 % of their samples at the ceiling.
     """
@@ -703,14 +701,14 @@ def usable_points(
         raise refused(
             "no_usable_level",
             f"no flat level can be used: signals are {points.signal_dn.min():.4g} to {points.signal_dn.max():.4g} DN "
-            f"above dark, {int(points.saturated.sum())} of {len(used)} levels are saturated; levels have to have "
-            f"noise, be brighter than dark and below {top_dn:.0f} DN: take flats at other exposures",
+            f"above dark, {int(points.saturated.sum())} of {len(used)} levels are saturated; usable levels have "
+            f"noise and lie between dark and {top_dn:.0f} DN: take flats at other exposures",
         )
     return used, saturation
 
 
 def beyond_range(points: TransferPoints, *, saturation_dn: float) -> FloatArray:
-    """Return by how much of itself the mean of each point may bend that is too bright for the fit and not saturated.
+    """Return the relative bend allowed in the mean of each unsaturated point too bright for the fit.
 
     It is 0 for all other points; 1 % of the mean up to 95 % of saturation, 1.5 % there.
     """
@@ -733,19 +731,17 @@ def fit_photon_transfer(
 
     There is no intercept: the dark is subtracted at the same exposure.
 
-    Weights are the inverse sampling variances, as each level's own squares scatter. On real sensors points
-    scatter by more (a measured CCD: 1.1 % where sampling gives 0.3 %), by something that does not average
-    away within a level; a relative scatter is estimated from the points and added to all of them, so that a
-    long stack does not decide the gain alone.
+    Weights are the inverse sampling variances. On real sensors points scatter by more (a measured CCD: 1.1 % where
+    sampling gives 0.3 %), and this does not average away within a level. A relative scatter is estimated from the
+    points and added to all, so that a long stack does not decide the gain alone.
 
-    No sensor is quite linear, and in some the charge of a bright pixel spreads: both bend the curve by a few
-    per cent towards the bright end, so that a straight line finds a gain that depends on its range. The gain
-    is the slope at no signal. Where the light of the levels is known, mean against light gives the response,
-    and with it the cubic term of the curve; its error makes one shared by all points.
-    From 5 levels on a quadratic term is fitted with the slope, always: choosing it by its significance would make
-    the error bar wrong. It includes the response and spreading charge, and makes the gain
-    independent of a lamp that drifts evenly during the sweep. Without a response, from 8 levels on, the cubic
-    term is fitted too. Each term makes the standard error of the gain larger by the first's: 1, 2, 3.
+    Nonlinearity and spreading charge bend the curve by a few per cent towards the bright end, so the gain of a straight
+    line depends on its range. The gain is the slope at zero signal. If the light of the levels is known, mean against
+    light gives the response and the cubic term of the curve, with an error common to all points.
+    From 5 levels on a quadratic term is always fitted: choosing it by significance would make the error bar wrong. It
+    includes the response and spreading charge, and makes the gain independent of a lamp that drifts evenly during the
+    sweep. Without a response, from 8 levels on, the cubic term is fitted too. The standard error of the gain is 1, 2, 3
+    times that of the slope alone with one, two, three terms.
 
     EMVA Standard 1288, Release 4.0 Linear, section 6.6, which has no weights, no bend and no errors.
     """
@@ -759,7 +755,7 @@ def fit_photon_transfer(
 
 
 def with_fitted_dark_variance(transfer: PhotonTransfer) -> PhotonTransfer:
-    """Return a curve whose points lack the most likely dark variance, where the fit alone gives it."""
+    """Return a curve with the most likely dark variance subtracted, if only the fit gives it."""
     points, used = transfer.points, transfer.used
     shared = points.dark_covariance_dn4[np.ix_(used, used)]
     covariance = np.diag(np.square(points.flat_std_error_dn2[used])) + shared
@@ -770,10 +766,10 @@ def with_fitted_dark_variance(transfer: PhotonTransfer) -> PhotonTransfer:
 
 
 def brighter_fatter(transfer: PhotonTransfer) -> tuple[float, float] | None:
-    """Return the relative change of the variance by spreading charge at `top_dn`, and its error.
+    """Return the relative change of the variance due to spreading charge at `top_dn`, and its error.
 
-    The quadratic term of the curve less three times that of the response, in parts of the gain; to first order,
-    and its two errors as if independent. None where there is no response.
+    The quadratic term of the curve less three times that of the response, over the gain; to first order, with both
+    errors taken as independent. None without a response.
 
     Astier et al., A&A 629, A36 (2019), doi:10.1051/0004-6361/201935508: variance = gain signal (1 + a signal).
     """
@@ -788,10 +784,10 @@ def brighter_fatter(transfer: PhotonTransfer) -> tuple[float, float] | None:
 def response_slope(transfer: PhotonTransfer, signal_dn: float) -> tuple[float, float]:
     """Return (d signal / d light) / (signal / light) at a signal, and its error.
 
-    The contrast between pixels appears as many times as large as their response differs. The slope is from mean against
-    light, or from the photon-transfer curve, whichever is known better. A lamp that drifts evenly bends the first as a
-    sensor does, charge that spreads bends the second; their disagreement is in the error of the first. Where light is
-    not known it is from the curve; with fewer levels than show a bend, 1 without an error.
+    This factor multiplies the contrast between pixels. The slope is from mean against light or from the
+    photon-transfer curve, whichever is more certain. An evenly drifting lamp bends the first, spreading charge the
+    second; the error of the first includes their disagreement. If the light is unknown it is from the curve; with too
+    few levels for a bend, 1 without an error.
 
     For signal = x (1 + b x + c x^2): the curve has the relative terms 3 b and 5 c - 2 b^2 (`LinearityCurve`).
     """
@@ -823,9 +819,9 @@ def _slope_by_noise(transfer: PhotonTransfer, signal_dn: float) -> tuple[float, 
 
 
 def _breakthrough_dn2(flats: Sequence[LevelStatistics], signal_dn: FloatArray) -> FloatArray:
-    """Return the variance that the fixed pattern adds to differences of frames whose light differs [DN^2].
+    """Return the variance that the fixed pattern adds to differences of frames with unequal light [DN^2].
 
-    Pixels differ in their response, and by as much in their share of a change of the light.
+    A change of the light shows the response of each pixel.
     """
     step_dn2 = np.array([0.5 * np.mean(np.square(np.diff(flat.frame_means_dn))) for flat in flats])
     temporal_dn2 = column(flats, "temporal_variance_dn2")
@@ -837,7 +833,7 @@ def _breakthrough_dn2(flats: Sequence[LevelStatistics], signal_dn: FloatArray) -
 
 
 def _proportional_end(points: TransferPoints, light: FloatArray | None) -> Mask:
-    """Return the brightest point alone, where its mean is as proportional to the light as that of its neighbours.
+    """Return the brightest point alone if its mean is as proportional to the light as that of its neighbours.
 
     Pixels that are full lower the mean by as much as the noise, some 0.4 standard deviations.
     """
@@ -852,7 +848,7 @@ def _proportional_end(points: TransferPoints, light: FloatArray | None) -> Mask:
 
 
 def _spikes(points: TransferPoints) -> Mask:
-    """Return which points have more variance for their signal than both neighbours: not how a sensor saturates."""
+    """Return points with more variance for their signal than both neighbours, which saturation does not cause."""
     signal = np.maximum(points.signal_dn, _TINY)
     ratio, error = points.variance_dn2 / signal, points.std_error_dn2 / signal
     padded = np.concatenate([[ratio[0]], ratio, [ratio[-1]]])
@@ -869,7 +865,7 @@ def _fit_transfer(points: TransferPoints, used: Mask, linearity: LinearityCurve 
     relative_error = points.flat_std_error_dn2[used] / total
     model, gain = total, float(np.median(variance / signal))
     for _ in range(_TRANSFER_PASSES):
-        # A point that is low by chance claims a small error; by the model's variance it does not.
+        # Errors from the model's variance, because a point low by chance would claim a small error.
         covariance = np.diag(np.square(relative_error * model)) + points.dark_covariance_dn4[np.ix_(used, used)]
         fit = _fit_terms(design, variance, covariance, linearity if n_terms == 3 else None, gain)
         refined = total - variance + design @ fit.parameters
@@ -882,7 +878,7 @@ def _fit_transfer(points: TransferPoints, used: Mask, linearity: LinearityCurve 
 def _fit_terms(
     design: FloatArray, variance: FloatArray, covariance: FloatArray, linearity: LinearityCurve | None, gain: float
 ) -> ScatterFit:
-    """Return the fit; the cubic term by the response is one more value, in the last place."""
+    """Return the fit; the cubic term of the response is one more value, in the last place."""
     signal = design[:, 0]
     if linearity is None:
         return fit_with_scatter(design, variance, sampling_covariance=covariance, scatter_shape=signal)
@@ -920,7 +916,7 @@ def doubling_temperature(
 
     Notes
     -----
-    A straight line through the logarithm, weighted by the relative errors; points that scatter by more widen the error.
+    A straight line through the logarithm, weighted by the relative errors; extra scatter widens the error.
 
     References
     ----------
@@ -929,7 +925,7 @@ def doubling_temperature(
     n_different = len(np.unique(temperature_c))
     if n_different < 2:
         raise CalibrationError(
-            f"there are {n_different} different temperatures; a doubling interval needs two, better six"
+            f"there are {n_different} different temperatures; a doubling interval needs at least two, better six"
         )
     for temperature, current, error in zip(temperature_c, dark_current, std_error, strict=True):
         if current <= _RESOLVED_SIGMA * error:
@@ -949,7 +945,7 @@ def doubling_temperature(
         raise CalibrationError(
             f"the dark current does not grow with temperature: its logarithm by "
             f"{number_with_error(slope, error)} per K; "
-            f"take temperatures that are further apart"
+            f"take temperatures further apart"
         )
     value = float(np.log(2.0)) / slope
     return DoublingTemperature(

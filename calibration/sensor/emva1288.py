@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 from calibration.sensor.curves import QUANTISATION_LIMIT_DN2, QUANTISATION_VAR_DN2, match_darks, saturation_level
 from calibration.sensor.levels import LevelStatistics, column
 
-# The levels of a calibration as EMVA 1288 sees them: pairs for noise in time, two stacks for the fixed pattern
+# The levels as EMVA 1288 uses them: pairs for temporal noise, two stacks for the fixed pattern
 
 FloatArray = NDArray[np.float64]
 
-# A pair of frames is a point of the photon-transfer curve; more of them are a stack, for the fixed pattern.
+# A pair of frames is a point of the photon-transfer curve; more frames are a stack, for the fixed pattern.
 _PAIR = 2
 _LEAST_PAIRS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Sweep:
-    """Points that the standard fits its lines through."""
+    """Points of the standard's line fits."""
 
     signal_dn: FloatArray
     variance_dn2: FloatArray
@@ -42,7 +42,7 @@ class _Sweep:
 
     @property
     def saturation_signal_dn(self) -> float:
-        """Signal at saturation, that of the ceiling where saturation is not reached [DN]."""
+        """Signal at saturation, or at the ceiling if saturation is not reached [DN]."""
         return self.full_signal_dn if self.saturation is None else float(self.signal_dn[self.saturation])
 
     @property
@@ -54,8 +54,8 @@ class _Sweep:
 def _emva_sweep(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics], *, ceiling_dn: int) -> _Sweep:
     """Return the sweep of a set of levels.
 
-    Where three levels or more are pairs, the others are left to the fixed pattern, as in the standard's own
-    data sets; else all levels are points.
+    If at least three levels are pairs, the others serve the fixed pattern, as in the standard's own data sets;
+    otherwise all levels are points.
     """
     flats = sorted(_points(flats), key=lambda level: level.mean_dn)
     darks = sorted(_points(darks), key=lambda level: level.exposure_s or 0.0)
@@ -110,7 +110,7 @@ _LINEARITY_RANGE = (0.05, 0.95)
 
 
 def _temporal_figures(sweep: _Sweep, *, flats: Mask, darks: Mask) -> dict[str, float]:
-    """Return the figures that come from means and temporal variances; those that do not exist are left out.
+    """Return the figures from means and temporal variances that exist.
 
     EMVA Standard 1288, Release 4.0 Linear, sections 6.5 to 6.9 and 7.1.
     """
@@ -136,7 +136,7 @@ def _temporal_figures(sweep: _Sweep, *, flats: Mask, darks: Mask) -> dict[str, f
 
 
 def _is_capped(sweep: _Sweep) -> bool:
-    """Return whether the dark variance is below 0.24 DN^2, where the standard takes that in its place."""
+    """Return whether the dark variance is below 0.24 DN^2, the standard's replacement."""
     every = np.ones(len(sweep.exposure_s), dtype=bool)
     return _dark_line(sweep, sweep.dark_variance_dn2, every)[0] < QUANTISATION_LIMIT_DN2
 
@@ -184,7 +184,7 @@ def _saturation_figures(sweep: _Sweep, found: dict[str, float]) -> dict[str, flo
 
 
 def _linearity_deviation(sweep: _Sweep) -> FloatArray | None:
-    """Return by how much the means within 5 to 95 % of saturation are off their line, relative to it.
+    """Return the relative deviations of the means within 5 to 95 % of saturation from their line.
 
     None where there is no saturation, no light that is known, or fewer than three levels. The line is fitted
     with weights 1 / signal^2.
@@ -230,7 +230,7 @@ EMVA_SYMBOLS = {
     "prnu_pixel": "PRNU_1288.pixel",
 }
 _OF_SATURATION = {"saturation_photons": 1.0, "saturation_e": 1.0, "dynamic_range": 1.0, "snr_max": 0.5}
-# What the cap of the dark variance makes of the numbers that hold it.
+# Numbers that become limits where the dark variance is replaced.
 _CAPPED: dict[str, Literal["<", ">"]] = {
     "temporal_dark_noise_dn": "<",
     "temporal_dark_noise_e": "<",
@@ -252,10 +252,10 @@ class EmvaFigure:
     """A number of the standard."""
 
     value: float  #: in the unit that its name ends in
-    #: standard error, which the standard itself does not ask for; None where there are too few levels for it
+    #: standard error (not part of the standard); None with too few levels
     std_error: float | None
     n: int  #: number of frames it was made from
-    #: the number is a limit: the dark variance is below 0.24 DN^2, where the standard caps it
+    #: the number is a limit because the dark variance is below 0.24 DN^2
     bound: Literal["<", ">"] | None = None
 
 
@@ -264,11 +264,11 @@ def emva1288_figures(
 ) -> dict[str, EmvaFigure | None]:
     """Return the numbers of EMVA 1288 Release 4.0 Linear, each under a name of `EMVA_SYMBOLS`.
 
-    A number that the levels do not give is None: those in photons where photons are not known, those of
-    saturation where the variance never falls, a fixed pattern whose variance is not above 0.
+    Numbers without data are None: in photons if photons are unknown, of saturation if the variance never falls, of a
+    fixed pattern whose variance is not above 0.
 
-    1/12 DN^2 of rounding is in `temporal_dark_noise_dn`, and taken off in `temporal_dark_noise_e`; the variance is
-    capped at 0.24 DN^2 from below. The pattern is that of the levels with the most frames, no high-pass filter.
+    `temporal_dark_noise_dn` includes 1/12 DN^2 of rounding, `temporal_dark_noise_e` does not; the variance is at least
+    0.24 DN^2. The pattern is that of the levels with the most frames, without a high-pass filter.
 
     Standard errors: leave one level out at a time (jackknife), for the flats and for the darks; with saturation,
     the step to the next level over the square root of 12; linearity errors, the wander of frame means. Fixed
@@ -311,7 +311,7 @@ def _all(values: FloatArray) -> NDArray[np.bool_]:
 
 
 def _each_left_out(chosen: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
-    """Return one mask for each chosen level, that leaves it out; none if there are fewer than three."""
+    """Return masks that leave out one chosen level each; none if fewer than three are chosen."""
     indices = np.flatnonzero(chosen)
     if len(indices) < 3:
         return []
@@ -334,7 +334,7 @@ def _error(
 
 
 def _relative_step(sweep: _Sweep) -> float:
-    """Return the standard deviation of a saturation evenly likely up to the next level, relative to it."""
+    """Return the relative standard deviation of a saturation uniform up to the next level."""
     if sweep.saturation is None or sweep.saturation + 1 >= len(sweep.signal_dn):
         return 0.0
     here, above = sweep.signal_dn[sweep.saturation : sweep.saturation + 2]

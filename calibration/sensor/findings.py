@@ -1,4 +1,4 @@
-"""Findings that speak against a calibration: in the frames, in the curves through their levels, and in the results.
+"""Findings that speak against a calibration: in frames, curves and results.
 
 Each finding has a name and a message (`_MESSAGES`), and a check that compares one number with a limit and with its own
 error. A finding that makes every result wrong refuses the set; all others are flags of the calibration.
@@ -37,174 +37,171 @@ FloatArray = NDArray[np.float64]
 
 _MESSAGES = {
     # Samples as integers.
-    "left_justified": "all samples are multiples of {factor}, up to {largest}: they are shifted to the left by {bits} "
-    "bits, and a gain from them would be {factor} times too large; samples have to be right-justified: divide them by "
-    "{factor} and state the camera's own bit depth",
+    "left_justified": "all samples are multiples of {factor}, up to {largest}: they are shifted left by {bits} bits, "
+    "which makes the gain {factor} times too large; divide them by {factor} and state the camera's own bit depth",
     "wrong_bit_depth": "{bits} bits are stated, but the largest sample is {largest}, {reason}: state the camera's own "
     "bit depth (these samples need at least {least} bits){instead}",
     "mixed_bit_depth": "most samples are {full_scale}, full scale of {bits} bits, in {levels}, while others reach "
-    "{largest}: some of the files were saved with {bits} bits and the others with more: save all frames with the "
-    "camera's own",
-    "low_ceiling": "samples pile up at {ceiling} DN, below the {full_scale} DN that {bits} bits allow: that is where "
-    "this camera saturates (it takes its black level off, or its firmware stops there), and it is taken so here; "
-    "pixels of scenes count as saturated at full scale only: keep them below {ceiling} DN, or say `rigctl import "
+    "{largest}: files were saved with different bit depths; save all frames with the camera's own",
+    "low_ceiling": "samples pile up at {ceiling} DN, below the {full_scale} DN of {bits} bits; the camera saturates "
+    "there (it subtracts its black level, or its firmware limits the counts), and the calibration uses this limit. "
+    "Commands count pixels as saturated at full scale only: keep scenes below {ceiling} DN, or use `rigctl import "
     "--saturation-dn {ceiling}`",
-    "clipped_black": "up to {share:.2%} of the samples of dark frames are 0 in {levels}; at most {limit:.1%} may be, "
-    "else the noise below black is cut off: raise the camera's black level (offset) and take the frames again",
-    "repeated_frames": "frames are copies of another one, bit by bit ({count} of them), in {levels}; two frames of a "
-    "sensor never are: the same buffer was saved twice, or a file is listed twice; take these frames again",
-    "saturated_levels": "more than {limit:.1%} of the samples are at the ceiling ({ceiling} DN) in {levels}; left out "
-    "of the gain, they show where saturation is",
+    "clipped_black": "up to {share:.2%} of the samples of dark frames are 0 in {levels}; allowed is {limit:.1%}, "
+    "because noise below zero is cut off: raise the camera's black level (offset) and take the frames again",
+    "repeated_frames": "frames are exact copies of others ({count} of them), in {levels}; noise makes every frame "
+    "differ, so the same buffer was saved twice or a file is listed twice; take these frames again",
+    "saturated_levels": "more than {limit:.1%} of the samples are at the ceiling ({ceiling} DN) in {levels}; these "
+    "levels show where saturation is and are left out of the gain",
     "saturated_dark": "more than {limit:.1%} of the samples of dark frames are at the ceiling ({ceiling} DN) in "
     "{levels}: light got in, or dark current fills the pixels; cover the lens, or take shorter dark exposures",
-    "no_noise": "no pixel changes from frame to frame in {levels}; a sensor has noise: these are computed pictures, "
-    "or copies of one; give raw frames",
-    "missing_codes": "{share:.0%} of the values amid the others never occur: samples were multiplied, or passed "
-    "through a table, after the converter (digital gain, gamma, a change of bits), so that rounding makes more noise "
-    "than 1/12 DN^2, and a gain in these counts is not the converter's: switch digital gain, gamma and tone mapping "
-    "off, and save samples with the bits that the converter has (not stretched to 16)",
+    "no_noise": "no pixel changes from frame to frame in {levels}; these are computed pictures, or copies of one "
+    "frame: give raw frames",
+    "missing_codes": "{share:.0%} of the values between others never occur: samples were multiplied or mapped after "
+    "the converter (digital gain, gamma, a change of bits), so rounding noise exceeds 1/12 DN^2 and the gain is not "
+    "the converter's: switch digital gain, gamma and tone mapping off, and save samples with the converter's bits "
+    "(not stretched to 16)",
     # Light within and between levels.
-    "darks_brighter_than_flats": "{brighter} of {darks} dark levels are brighter than the middle of the flats "
-    "({middle:.4g} DN), such as {level}: dark and flat frames are mixed up, or the lens was open: check which is which",
-    "mixed_level": "frames that should be alike differ by up to {worst:.1%} in their mean: {levels}; that is another "
-    "exposure, gain or lamp setting and no flicker (at most {limit:.0%}): {advice}",
-    "unsteady_level": "frames that should be alike differ by up to {worst:.1%} in their mean (more than {limit:.0%} "
-    "and than noise): {levels}; the gain does not suffer from flicker, black level and linearity may: let lamp and "
-    "camera warm up",
-    "lamp_flicker": "the light of flats wanders by {wander:.2%} (rms) from frame to frame of a level, more than "
-    "{limit:.2%} and than noise: the gain does not suffer, since the mean of each difference is taken off; the means, "
-    "and with them linearity and quantum efficiency, are known less well: use a steadier lamp",
+    "darks_brighter_than_flats": "{brighter} of {darks} dark levels are brighter than the median flat ({middle:.4g} "
+    "DN), such as {level}: dark and flat frames are mixed up, or the lens was open: check which is which",
+    "mixed_level": "frames of one level differ by up to {worst:.1%} in their mean: {levels}; flicker causes at most "
+    "{limit:.0%}, so exposure, gain or lamp differ: {advice}",
+    "unsteady_level": "frames of one level differ by up to {worst:.1%} in their mean (more than {limit:.0%} and than "
+    "noise): {levels}; black level and linearity may be wrong, the gain is not affected: let lamp and camera warm up",
+    "lamp_flicker": "the light of flats varies by {wander:.2%} (rms) from frame to frame within a level, more than "
+    "{limit:.2%} and than noise: means, linearity and quantum efficiency are less certain, the gain is not affected: "
+    "use a steadier lamp",
     "outlier_pixels": "up to {share:.2g} of the pixels jump by more than 6 standard deviations between two frames of "
     "{levels} (cosmic hits, telegraph noise, defects); they are left out of these levels",
-    "uneven_light": "{share:.0%} of the spatial variance of {level} is smooth across the picture (at most {limit:.0%} "
-    "is expected of pixels alone): uneven light of the lamp, or shading of the lens; it is left out of the best PRNU, "
-    "that of EMVA 1288 holds it: use an integrating sphere without lens",
+    "uneven_light": "{share:.0%} of the spatial variance of {level} is smooth across the picture (pixels alone cause "
+    "at most {limit:.0%}): the lamp is uneven, or the lens shades. The best PRNU leaves this part out, that of EMVA "
+    "1288 includes it: use an integrating sphere without lens",
     "non_monotonic_sweep": "the mean falls by more than {limit:.0%} although the exposure is longer: {where}; the "
     "light changed during the sweep, or a frame has another exposure than stated: check lamp and shutter",
-    "light_not_constant": "the signal per exposure time differs by up to {off:.0%} between levels (at most "
-    "{limit:.0%} is expected of a sensor): the light changed, an automatic gain or exposure is on, or exposures are "
-    "not as stated; the gain does not suffer from the light, its linearity is not known",
+    "light_not_constant": "the signal per exposure time differs by up to {off:.0%} between levels (a sensor causes at "
+    "most {limit:.0%}): the light changed, automatic gain or exposure is on, or exposures are not as stated; "
+    "linearity is not known, the gain is not affected by the light",
     # Noise that pixels or frames share.
-    "correlated_noise": "the noise of neighbouring pixels goes together by {across:+.3f} across and {down:+.3f} down "
-    "(at most {limit} is expected): frames were filtered, interpolated from a colour mosaic, resized or compressed "
-    "with loss (JPEG), and the gain is too small by about twice their sum: switch noise reduction and sharpening off, "
-    "and save raw frames",
-    "compressed_frames": "the noise of neighbouring pixels of dark frames goes together by {across:+.2f} along rows "
-    "and {down:+.2f} down columns (at most {limit} either way is expected): frames were compressed with loss or "
-    "filtered, and the noise is not the sensor's: save raw frames, without noise reduction",
-    "readout_correlation": "the noise of neighbouring pixels of dark frames goes together by {across:+.3f} along rows "
-    "and {down:+.3f} down columns (at most {limit} either way is expected), and that of bright flats does not: the "
-    "readout couples neighbours, and frames were not filtered; gain and noise of single pixels stand, the read noise "
-    "of a mean over many pixels is {factor:.2f} times that of independent ones",
-    "frames_go_together": "the noise of a pixel goes together from one frame to the next by {share:+.3f} (at most "
-    "{limit} is expected): the camera averages frames in time (noise reduction), so that differences of frames show "
-    "{shown:.0%} of the noise, and the gain is too small by as much: switch noise reduction off, and save raw frames",
-    "colour_mosaic": "the four pixels of a 2 x 2 cell differ by {contrast:.0%} in their means, in even light (at most "
-    "{limit:.0%} is expected): these are frames of a sensor behind a mosaic of colour or polarization filters, and "
-    "PRNU and saturation are those of the mixture: give the pixels of one colour (RAW files: --plane)",
-    "row_noise": "pixels of a line share noise that changes from frame to frame ({sizes}) in {levels}: it is in the "
-    "read noise, whose standard error is then too small, and stripes will show in dim scenes; better supply and "
-    "shielding, or a correction by masked pixels, lower it",
-    "banded_light": "{share:.1%} of the noise in time of bright flats is common to whole rows or columns (at most "
-    "{limit:.0%} is expected): a lamp on alternating current lights the rows of a rolling shutter unevenly, and the "
-    "gain is too large by as much: use a lamp on direct current, or exposures of whole periods",
+    "correlated_noise": "the noise of neighbouring pixels is correlated by {across:+.3f} across and {down:+.3f} down "
+    "(expected: at most {limit}): frames were filtered, interpolated from a colour mosaic, resized or compressed with "
+    "loss (JPEG), and the gain is too small by about twice their sum: switch noise reduction and sharpening off, and "
+    "save raw frames",
+    "compressed_frames": "the noise of neighbouring pixels of dark frames is correlated by {across:+.2f} along rows "
+    "and {down:+.2f} down columns (expected: at most {limit} each): frames were compressed with loss or filtered, and "
+    "the noise is not the sensor's: save raw frames, without noise reduction",
+    "readout_correlation": "the noise of neighbouring pixels is correlated by {across:+.3f} along rows and "
+    "{down:+.3f} down columns in dark frames (expected: at most {limit} each) and not in bright flats: the readout "
+    "couples neighbours, and frames were not filtered. Gain and noise of single pixels are right; the read noise of a "
+    "mean over many pixels is {factor:.2f} times that of independent ones",
+    "frames_go_together": "the noise of a pixel is correlated by {share:+.3f} from one frame to the next (expected: "
+    "at most {limit}): the camera averages frames in time (noise reduction), so differences of frames show "
+    "{shown:.0%} of the noise, and the gain is too small by the same factor: switch noise reduction off, and save raw "
+    "frames",
+    "colour_mosaic": "the four pixels of a 2 x 2 cell differ by {contrast:.0%} in their means in even light "
+    "(expected: at most {limit:.0%}): the sensor has a mosaic of colour or polarization filters, and PRNU and "
+    "saturation are those of the mixture: give the pixels of one colour (RAW files: --plane)",
+    "row_noise": "pixels of a line share noise that changes from frame to frame ({sizes}) in {levels}: the read noise "
+    "includes it, with too small a standard error, and dim scenes will show stripes: improve supply and shielding, or "
+    "correct it with masked pixels",
+    "banded_light": "{share:.1%} of the temporal noise of bright flats is common to whole rows or columns (expected: "
+    "at most {limit:.0%}): a lamp on alternating current lights the rows of a rolling shutter unevenly, and the gain "
+    "is too large by this share: use a lamp on direct current, or exposures of whole periods",
     # Photon-transfer curve and response.
     "not_photon_noise": "the temporal variance goes from {variance[0]:.4g} to {variance[1]:.4g} DN^2 while the signal "
     "goes from {signal[0]:.4g} to {signal[1]:.4g} DN; photon noise grows in proportion to the signal: switch gamma, "
     "tone mapping, noise reduction and compression off, and check kinds and exposures",
-    "too_few_levels": "{used} of {all} flat levels can be used for the gain; with fewer than {limit} neither bend nor "
-    "scatter of the photon-transfer curve is seen, and a sensor that is not linear has a larger error than stated: "
-    "take 10 levels or more between dark and 80 % of saturation",
-    "saturation_not_reached": "no rise and fall of the temporal variance is seen up to the brightest level "
+    "too_few_levels": "{used} of {all} flat levels can be used for the gain; fewer than {limit} show neither bend nor "
+    "scatter of the photon-transfer curve, so the error for a nonlinear sensor is larger than stated: take at least "
+    "10 levels between dark and 80 % of saturation",
+    "saturation_not_reached": "the temporal variance does not rise and fall up to the brightest level "
     "({brightest:.4g} DN above dark), so saturation is not known: {more}, until most of the picture is saturated",
-    "bent_photon_transfer": "at {top:.4g} DN the photon-transfer curve is {bend:+.1%} off its slope at no signal "
-    "(more than {limit:.0%} and than noise): {cause}; the gain given is the one at no signal, and noise predicted for "
-    "bright scenes is off by as much",
+    "bent_photon_transfer": "at {top:.4g} DN the photon-transfer curve is {bend:+.1%} off its slope at zero signal "
+    "(more than {limit:.0%} and than noise): {cause}; the stated gain is the one at zero signal, and noise predicted "
+    "for bright scenes is off by the same share",
     "scattered_photon_transfer": "the points scatter by {scatter:.1%} about the photon-transfer curve, more than "
-    "their sampling explains (chi-squared {chi2:.3g} per degree of freedom); the standard errors hold it: more "
-    "exposures make the gain better, more frames at each do not",
-    "response_not_linear": "at {top:.4g} DN the mean is {off} off its slope at no signal (more than {limit:.0%}): "
-    "radiances of bright scenes are off by as much; the response is in the calibration, or expose so that scenes stay "
-    "below {linear_dn:.0f} DN",
+    "sampling explains (chi-squared {chi2:.3g} per degree of freedom); the standard errors include this: to improve "
+    "the gain, add exposures rather than frames at each",
+    "response_not_linear": "at {top:.4g} DN the mean is {off} off its slope at zero signal (more than {limit:.0%}), "
+    "and so are radiances of bright scenes; the calibration contains the response: keep scenes below {linear_dn:.0f} "
+    "DN",
     "unsteady_lamp": "the means of the levels scatter by {scatter:.1%} about a smooth response to the {light} (more "
-    "than {limit:.0%}): the lamp flickers or drifts between levels, or exposures are not exact; the gain stands, with "
-    "a larger error since the response is known less well: let the lamp warm up",
+    "than {limit:.0%}): the lamp flickers or drifts between levels, or exposures are not exact. The gain is right, "
+    "with a larger error because the response is less certain: let the lamp warm up",
     # Dark signal.
-    "no_darks": "there are no dark frames: gain and linearity rest on the stated black level of {black} DN; read noise "
-    "and dark current are not determined, nor is what pixels differ by: take two dark frames or more at each exposure",
-    "dark_exposure_missing": "there are no dark frames around the exposure of {levels}; those of the nearest exposure "
-    "were taken, and the difference in dark current counts as signal: take dark frames at the exposures of the flats, "
-    "or at the shortest and the longest",
-    "single_dark_exposure": "dark frames have one exposure, or exposures are not known: there is no dark current, and "
-    "what it adds within this exposure counts as black level and read noise; take dark frames at two or more "
-    "exposures, the longest as long as it may be",
-    "dark_current_changed": "the mean of dark frames is no straight line of their exposure ({bend} DN/s^2): the "
-    "sensor warmed up or cooled down while they were taken, or light got in: the dark current is not known, black "
-    "level and read noise are those of a curve: let the camera warm up for half an hour, and take the dark frames in "
-    "mixed order",
+    "no_darks": "there are no dark frames: gain and linearity rest on the stated black level of {black} DN; read "
+    "noise, dark current and differences between pixels are not determined: take at least two dark frames at each "
+    "exposure",
+    "dark_exposure_missing": "there are no dark frames around the exposure of {levels}; the nearest ones are used, "
+    "and the difference in dark current counts as signal: take dark frames at the exposures of the flats, or at the "
+    "shortest and the longest",
+    "single_dark_exposure": "dark frames have one exposure, or exposures are not known: the dark current is not "
+    "known, and that of this exposure counts as black level and read noise; take dark frames at two or more "
+    "exposures, the longest as long as possible",
+    "dark_current_changed": "the mean of dark frames does not grow in proportion to exposure ({bend} DN/s^2): the "
+    "temperature of the sensor changed, or light got in. The dark current is not known; black level and read noise "
+    "are from a curve: let the camera warm up for half an hour, and take the dark frames in mixed order",
     "quantisation_limited": "the temporal noise of dark frames is below {limit:.2f} DN, where rounding to whole "
-    "counts hides it: the read noise is only known to be below {limit_e:.3g} e-; raise the camera's gain to measure it",
-    "black_clamp": "with exposure the mean of dark frames grows by {by_mean:.4g} DN/s, their variance says "
-    "{by_variance:.4g} DN/s (difference more than {limit:.0f} standard errors): the camera takes dark signal off by "
-    "itself, or dark frames were not dark; the dark current given is that of the mean",
+    "counts hides it: the read noise is below {limit_e:.3g} e-; raise the camera's gain to measure it",
+    "black_clamp": "the mean of dark frames grows by {by_mean:.4g} DN/s with exposure, their variance gives "
+    "{by_variance:.4g} DN/s (difference more than {limit:.0f} standard errors): the camera subtracts dark signal "
+    "itself, or dark frames were not dark; the stated dark current is that of the mean",
     # Results, and the unit of exposures.
     "wrong_time_unit": "the longest exposure is {longest:.3g} s, and {problem}: {advice}",
-    "dark_current_not_resolved": "dark exposures up to {longest:.3g} s are too short for a dark current of any camera "
-    "to show: it is not known; take dark frames of 1 s or more",
-    "unusual_dark_current": "the dark current is {size}: for any other camera its exposures are {true} than stated, by "
-    "a wrong unit: {advice}",
-    "negative_dark_current": "the dark mean falls with exposure, by {rate} e-/s: the camera takes off more than its "
+    "dark_current_not_resolved": "dark exposures up to {longest:.3g} s are too short to show the dark current of any "
+    "camera: take dark frames of 1 s or more",
+    "unusual_dark_current": "the dark current is {size}: for any other camera the exposures are {true} than stated, "
+    "because of a wrong unit: {advice}",
+    "negative_dark_current": "the dark mean falls with exposure, by {rate} e-/s: the camera subtracts more than its "
     "dark signal, its black level drifts, or exposures are mixed up; see the dark current by variance",
-    "quantum_efficiency_above_one": "there are {efficiency} electrons a photon, of which there can be one at most: "
-    "the photons are not those of one pixel and one exposure, or irradiance or pixel area are wrong",
+    "quantum_efficiency_above_one": "there are {efficiency} electrons per photon; at most one is possible: the "
+    "photons are not those of one pixel and one exposure, or irradiance or pixel area are wrong",
 }
 
 # Significance: a number over its standard error.
 _SIGMA, _BEND_SIGMA, _LEFT_SIGMA = 5.0, 3.0, 2.0
-# Limit of EMVA 1288: with more zeros in a dark frame, its noise is cut off from below.
+# Limit of EMVA 1288 for zeros in a dark frame, whose noise is otherwise cut off.
 _ZERO_SHARE = 0.005
 _PILED_SHARE = 0.5
 _EIGHT_BITS = 255
 _MISSING_CODES, _STRETCHED = 0.05, 0.5
-# Relative spread of the frames of a level: unsteady, and too large for flicker.
+# Relative spread of frame means: of an unsteady level, and of a mixed one.
 _UNSTEADY, _MIXED = 0.01, 0.1
-# Means of whole frames of coarse counts differ by this much from rounding alone.
+# Difference of frame means due to coarse rounding alone.
 _ROUNDING_DN = 0.3
-# A level whose spread is below this many times that of the other flats is not mixed: they all flicker. If fewer than
-# the second share of the flats are steady, they do not flicker: all of them are mixed.
+# A level is mixed only if its spread is this many times that of the other flats; otherwise all flicker. If fewer than
+# the second share of the flats are steady, all are mixed.
 _USUAL_SPREAD, _STEADY_SHARE = 8.0, 0.1
 _FLICKER = 0.0015
 _OUTLIER_SHARE = 1e-5
 _UNEVEN_SHARE = 0.25
 _NOT_PROPORTIONAL, _LEAST_LEVELS = 0.1, 5
-# Share of the brightest signal above which light, and not the black level, makes the signal.
+# Share of the brightest signal above which light rather than black level dominates.
 _LIT, _BRIGHT = 0.2, 0.25
 # Spreading charge correlates the noise of neighbours by at most a per cent.
 _CORRELATION, _FILTERED = 0.02, 0.1
-# Dark noise comes from the amplifiers: neighbours share none of it.
+# Dark noise comes from the amplifiers and is independent between neighbours.
 _DARK_CORRELATION = 0.05
-# Correlation in bright flats over that in darks where a filter made both; scatter of darks that are alike, over theirs.
+# Correlation in bright flats over that in darks if a filter causes both; scatter of equal darks over its error.
 _SAME_AS_DARK, _ALIKE = 0.5, 0.4
 # Lag of a detector leaves less than a per cent of a frame in the next.
 _LAG, _STEADY = 0.03, 0.05
 # Two readout channels differ by one or two per cent, pixels behind colour filters by tens.
 _MOSAIC, _COLOURS = 0.03, 0.1
 _SHARED_VARIANCE, _BANDED = 0.05, 0.01
-# Relative departure of the photon-transfer curve from its first slope: beyond that of photon noise, and worth a flag.
+# Relative departure of the photon-transfer curve from its first slope: impossible for photon noise, and worth a flag.
 _NO_LINE, _BEND = 0.3, 0.02
-# Beyond saturation the mean grows by little; where the variance falls while the mean goes on, there is a tone curve.
+# Growth of the mean beyond saturation; a variance that falls while the mean grows more shows a tone curve.
 _BEYOND_SATURATION = 1.5
 _SCATTER, _SCATTER_CHI2_PER_DOF = 0.005, 3.0
 _NOT_LINEAR, _LAMP = 0.01, 0.01
-# Share of the brightest signal from which on the gain of a level is stated.
+# Least share of the brightest signal for stating the gain of a level.
 _LEAST_SIGNAL = 0.05
-# The longest exposure of a sweep is neither shorter nor longer [s]; that of usual cameras is not shorter than the third
-# number: few have the light for it.
+# Range of the longest exposure of a sweep [s], and its least value for usual cameras.
 _SHORTEST_S, _LONGEST_S, _USUAL_S = 1e-6, 3600.0, 5e-5
-# Dark current [e-/s]: that of no camera for visible light (warm ones have tens to thousands), that of cooled sensors,
-# and that of hot or infrared ones.
+# Dark current [e-/s]: impossible for visible light (warm cameras have tens to thousands), of cooled sensors, and of hot
+# or infrared ones.
 _ABSURD_E_PER_S, _COOLED_E_PER_S, _HOT_E_PER_S = 1e5, 0.1, 5e3
-# Units by what `--exposure-unit` calls them: seconds in each, and their names.
+# Units of `--exposure-unit`: seconds in each, and names.
 _UNITS = {
     "ns": (1e-9, "nanoseconds"),
     "us": (1e-6, "microseconds"),
@@ -215,11 +212,11 @@ _UNITS = {
 
 @dataclass(frozen=True, kw_only=True)
 class StatedExposures:
-    """Place where exposures are stated, and the unit that they were read in."""
+    """Place where exposures are stated, and their assumed unit."""
 
     where: str = "what was given"  #: such as "the column exposure_ms"
-    unit: str | None = None  #: ns, us, ms or s; None where it is not one for all
-    has_option: bool = True  #: --exposure-unit states another unit; otherwise the statement has to be corrected
+    unit: str | None = None  #: ns, us, ms or s; None if they differ
+    has_option: bool = True  #: whether --exposure-unit can state another unit
 
 
 _ANYWHERE = StatedExposures()
@@ -232,10 +229,10 @@ def frame_flags(
     black_level_dn: Estimate | None = None,
     stated: StatedExposures = _ANYWHERE,
 ) -> tuple[Flag, ...]:
-    """Return the findings in dark and flat levels themselves; at least one of each, or flats and a black level.
+    """Return the findings in the dark and flat levels; at least one of each, or flats and a black level.
 
-    Differences of frames whose light differs include the pattern of the pixels, which looks like flicker, bands and
-    noise that neighbours share: a level that refuses the set for its light is left out of checks of light and noise.
+    Differences of frames with unequal light include the fixed pattern, which looks like flicker, bands and correlated
+    noise: a level that is refused for its light is left out of the checks of light and noise.
     """
     frames = _Frames(levels=levels, bit_depth=bit_depth, black_level_dn=black_level_dn)
     of_samples: tuple[Callable[[_Frames], Flag | None], ...] = (
@@ -278,7 +275,7 @@ def frame_flags(
 def gain_doubts(
     levels: Sequence[LevelStatistics], transfer: PhotonTransfer, *, black_level_dn: Estimate
 ) -> dict[str, tuple[float, str]]:
-    """Return by how much of itself the gain is off by each finding that says so, and words for it, by its flag."""
+    """Return the relative error of the gain due to each flag that states one, with words for it."""
     frames, found = _Frames(levels=levels, bit_depth=16, black_level_dn=black_level_dn), {}
     signal_dn = transfer.points.signal_dn[transfer.used]
     signal_dn = signal_dn[signal_dn >= _LEAST_SIGNAL * signal_dn.max()]
@@ -305,7 +302,7 @@ def curve_flags(
     *,
     wrong: Sequence[LevelStatistics],
 ) -> tuple[Flag, ...]:
-    """Return the findings in the curves through all levels; `wrong` are the flats with a flag of their own."""
+    """Return the findings in the curves through all levels; `wrong` are the flagged flats."""
     return _present(
         (
             _non_monotonic_sweep(levels, wrong),
@@ -334,7 +331,7 @@ def parameter_flags(
     quantum_efficiency: Estimate | None,
     stated: StatedExposures = _ANYWHERE,
 ) -> tuple[Flag, ...]:
-    """Return the findings in results that no sensor has, or few."""
+    """Return the findings in impossible or unusual results."""
     current, efficiency, flags = dark_current_e_per_s, quantum_efficiency, []
     if current is not None and current.value <= -_SIGMA * current.std_error:
         flags.append(_flag("negative_dark_current", rate=number_with_error(-current.value, current.std_error)))
@@ -356,7 +353,7 @@ def parameter_flags(
 def absurd_dark_current(
     levels: Sequence[LevelStatistics], dark_current_e_per_s: Estimate | None, *, stated: StatedExposures = _ANYWHERE
 ) -> Flag | None:
-    """Return a flag if a dark current, or its bound, is beyond that of any camera for visible light."""
+    """Return a flag if a dark current or its bound exceeds that of any camera for visible light."""
     current = dark_current_e_per_s
     if current is None or abs(current.value) + _BEND_SIGMA * current.std_error <= _ABSURD_E_PER_S:
         return None
@@ -365,9 +362,9 @@ def absurd_dark_current(
         darks_s = _longest_s([level for level in levels if level.kind == "dark"]) or 0.0
         return _flag("dark_current_not_resolved", longest=darks_s)
     size = (
-        f"the dark signal grows as in no camera for visible light (more than {_ABSURD_E_PER_S:.0e} e-/s)"
+        f"the dark signal grows faster than in any camera for visible light (more than {_ABSURD_E_PER_S:.0e} e-/s)"
         if is_resolved
-        else "with them the dark current could be more than any camera's"
+        else "the dark current could be larger than in any camera"
     )
     light = ", or light reached the dark frames" if is_resolved else ""
     problem = (
@@ -391,7 +388,7 @@ class _Frames:
 
     levels: Sequence[LevelStatistics]
     bit_depth: int
-    black_level_dn: Estimate | None  #: needed where there are no darks
+    black_level_dn: Estimate | None  #: required without darks
 
     @cached_property
     def flats(self) -> list[LevelStatistics]:
@@ -414,7 +411,7 @@ class _Frames:
 
     @cached_property
     def bright_flats(self) -> list[LevelStatistics]:
-        """Flats that are not saturated and whose noise is mostly that of photons."""
+        """Unsaturated flats with mostly photon noise."""
         limit_dn = _BRIGHT * max((flat.mean_dn - self.dark_dn for flat in self.open_flats), default=0.0)
         return [flat for flat in self.open_flats if flat.mean_dn - self.dark_dn >= limit_dn]
 
@@ -433,7 +430,7 @@ class _Frames:
 
     @cached_property
     def flats_of_fewer_bits(self) -> list[LevelStatistics]:
-        """Flats most of whose samples are at full scale of fewer bits than others have."""
+        """Flats with most samples at full scale of fewer bits than others."""
         return [
             flat
             for flat in self.flats
@@ -465,7 +462,7 @@ def _wrong_bit_depth(frames: _Frames) -> Flag | None:
     is_full_scale = largest == 2**least - 1 and any(one.max_fraction > SATURATED_FRACTION for one in piled)
     is_larger, instead = largest > full_scale, ""
     if is_larger:
-        reason = f"and {full_scale} is the largest that they allow"
+        reason = f"and {full_scale} is the largest possible value"
     elif is_full_scale:
         reason = "where samples pile up; saturated pixels would go unseen"
     else:
@@ -507,12 +504,12 @@ def _clipped_black(frames: _Frames) -> Flag | None:
 
 
 def _rounding_hides_noise(level: LevelStatistics) -> bool:
-    """Return whether pixels differ so little, in space and time, that rounding may make all frames the same."""
+    """Return whether pixels differ so little that rounding may make all frames equal."""
     return level.spatial_variance_dn2 + level.temporal_variance_dn2 < QUANTISATION_LIMIT_DN2
 
 
 def _repeated_frames(frames: _Frames) -> Flag | None:
-    # Where most samples are at one ceiling, or rounding hides all noise, two frames may well be the same.
+    # With most samples at one ceiling, or all noise hidden by rounding, two frames may be equal.
     varied = [v for v in frames.levels if v.samples.max_fraction < _PILED_SHARE and not _rounding_hides_noise(v)]
     counts = Counter(digest for level in varied for digest in level.samples.digests)
     repeated = {digest for digest, count in counts.items() if count > 1}
@@ -540,7 +537,7 @@ def _saturated_dark(frames: _Frames) -> Flag | None:
 
 
 def _no_noise(frames: _Frames) -> Flag | None:
-    # Above the flat of most noise the sensor saturates, perhaps at another value each exposure (black taken off).
+    # Above the flat of largest noise the sensor saturates, perhaps at a value that varies with exposure.
     noisy = [flat for flat in frames.flats if flat.temporal_variance_dn2 > 0.0]
     peak_dn = max(noisy, key=lambda flat: flat.temporal_variance_dn2).mean_dn if noisy else np.inf
     explained = [*frames.flats_of_fewer_bits, *frames.saturated(frames.flats)]
@@ -553,7 +550,7 @@ def _no_noise(frames: _Frames) -> Flag | None:
 
 def _missing_codes(frames: _Frames) -> Flag | None:
     combed = [v.samples.missing_codes for v in frames.levels if v.samples.missing_codes > _MISSING_CODES]
-    # A single level may lie where the converter itself has gaps.
+    # A single level may lie in a gap of the converter.
     if len(combed) <= len(frames.levels) // 2 or frames.unused_low_bits:
         return None
     share = float(np.median(combed))
@@ -574,15 +571,15 @@ def _spread_dn(level: LevelStatistics) -> float:
 
 
 def _relative_spread(level: LevelStatistics) -> float:
-    """Return the spread of a level's frame means relative to its mean, 0 where noise or rounding explains it."""
+    """Return the relative spread of a level's frame means, 0 if noise or rounding explains it."""
     least_dn = max(_SIGMA * np.sqrt(level.temporal_variance_dn2 / level.n_pixels), _ROUNDING_DN)
     return _spread_dn(level) / level.mean_dn if _spread_dn(level) > least_dn else 0.0
 
 
 def _mixed_levels(frames: _Frames) -> list[LevelStatistics]:
-    """Return the levels whose frames are of different exposure, gain or lamp setting."""
+    """Return the levels that mix exposures, gains or lamp settings."""
     flats = [flat for flat in frames.open_flats if flat.mean_dn > frames.dark_dn]
-    # The beat of a lamp spares exposures of whole periods: where nearly all flats differ, it is another light.
+    # The beat of a lamp does not affect exposures of whole periods, so if nearly all flats differ the light changed.
     spreads = [_spread_dn(flat) / (flat.mean_dn - frames.dark_dn) for flat in flats if _relative_spread(flat) > 0.0]
     if len(spreads) >= _LEAST_LEVELS and len(spreads) == len(flats) and np.quantile(spreads, _STEADY_SHARE) > _MIXED:
         return flats
@@ -601,15 +598,15 @@ def _unsteady_level(frames: _Frames) -> Flag | None:
     advice = "keep automatic exposure and gain off, and give frames of different light as different levels"
     if any(level.exposure_s is None for level in unsteady):
         advice = (
-            "no exposure was recognised for them, so that frames of all exposures count as one level: write it in "
-            "their names with its unit (flat_10ms_001.png, exp000522us), state that of bare numbers (exp000522) with "
+            "no exposure was recognised, so frames of all exposures count as one level: write it in the file names "
+            "with its unit (flat_10ms_001.png, exp000522us), state that of bare numbers (exp000522) with "
             "--exposure-unit, or give a table (--table FILE.csv with the columns file, kind, exposure_ms)"
         )
     return _flag("mixed_level", refuses=True, worst=worst, levels=names, limit=_MIXED, advice=advice)
 
 
 def _is_usual_spread(frames: _Frames, level: LevelStatistics) -> bool:
-    """Return whether other flats wander by as many counts, as in the beat of a lamp on alternating current."""
+    """Return whether other flats vary by as many counts, as in the beat of a lamp on alternating current."""
     if level.kind == "dark" or len(frames.open_flats) < _LEAST_LEVELS:
         return False
     return _spread_dn(level) < _USUAL_SPREAD * float(np.median([_spread_dn(flat) for flat in frames.open_flats]))
@@ -618,7 +615,7 @@ def _is_usual_spread(frames: _Frames, level: LevelStatistics) -> bool:
 def _lamp_flicker(frames: _Frames) -> Flag | None:
     if not frames.open_flats:
         return None
-    # In levels with next to no light, the black level wanders.
+    # In very dark levels the black level drifts.
     limit_dn = _LIT * max(flat.mean_dn for flat in frames.open_flats)
     lit = [flat for flat in frames.open_flats if flat.mean_dn > limit_dn]
     noise = column(lit, "temporal_variance_dn2") / column(lit, "n_pixels")
@@ -630,7 +627,7 @@ def _lamp_flicker(frames: _Frames) -> Flag | None:
 
 
 def _outlier_pixels(frames: _Frames) -> Flag | None:
-    # Next to saturation only few pixels still change, and these are no defects.
+    # Near saturation the few pixels that still change are no defects.
     shares = [
         (level, 1.0 - level.n_pixels / (level.shape[0] * level.shape[1]))
         for level in frames.levels
@@ -646,7 +643,7 @@ def _uneven_light(frames: _Frames) -> Flag | None:
     flats = [v for v in frames.flats if v.spatial_variance_dn2 > _SIGMA * v.spatial_std_error_dn2]
     if not flats:
         return None
-    # The fixed pattern is taken from the level with the most frames; of several the brightest shows it best.
+    # The fixed pattern comes from the level with the most frames, the brightest of several.
     level = max(flats, key=lambda flat: (flat.n_frames, flat.spatial_variance_dn2))
     share = 1.0 - level.small_scale_variance_dn2 / level.spatial_variance_dn2
     if share < _UNEVEN_SHARE:
@@ -655,7 +652,7 @@ def _uneven_light(frames: _Frames) -> Flag | None:
 
 
 def _correlations(level: LevelStatistics) -> tuple[float, float]:
-    """Return the correlation of neighbours across and down, without the part that whole lines share."""
+    """Return the correlation of neighbours across and down, without the part common to whole lines."""
     of, variance = level.shared, level.temporal_variance_dn2 or 1.0
     return of.horizontal - of.row_variance_dn2 / variance, of.vertical - of.column_variance_dn2 / variance
 
@@ -678,10 +675,10 @@ def _correlated_noise(frames: _Frames) -> Flag | None:
 
 
 def _compressed_frames(frames: _Frames) -> Flag | None:
-    """Look at neighbours in dark noise, which lossy compression removes first, and which a readout may couple.
+    """Check the correlation of neighbours in dark noise, from lossy compression or a coupled readout.
 
-    A filter shows in flats by as much. A coder leaves each dark level another part of its noise; a readout couples
-    neighbours in all of them alike.
+    A filter shows equally in flats. A coder leaves a different part of the noise in each dark level; a readout couples
+    neighbours equally in all.
     """
     darks = [dark for dark in frames.darks if dark.temporal_variance_dn2 > QUANTISATION_LIMIT_DN2]
     smoothed = [
@@ -700,7 +697,7 @@ def _compressed_frames(frames: _Frames) -> Flag | None:
 
 
 def _is_of_readout(frames: _Frames, darks: FloatArray, *, errors: FloatArray) -> bool:
-    """Return whether neighbours share noise in all darks alike (n, 2), and in bright flats much less."""
+    """Return whether neighbours are equally correlated in all darks (n, 2), and much less in bright flats."""
     if not frames.bright_flats:
         return False
     middle = np.median(darks, axis=0)
@@ -710,15 +707,15 @@ def _is_of_readout(frames: _Frames, darks: FloatArray, *, errors: FloatArray) ->
     if in_flats + _LEFT_SIGMA * error / abs(middle[larger]) > _SAME_AS_DARK:
         return False
     if len(darks) == 1:
-        # A coder that smooths makes neighbours alike, and one level does not tell it from a readout.
+        # A single level cannot distinguish a smoothing coder from a readout.
         return bool(middle[larger] < 0.0)
     apart = np.abs(darks[:, larger] - middle[larger])
     return bool(np.all(apart < np.maximum(_SIGMA * errors, _ALIKE * abs(middle[larger]))))
 
 
 def _lag(frames: _Frames) -> tuple[float, float] | None:
-    """Return the share of noise that goes over from frame to frame, and its error; None without a stack."""
-    # Rounding that hides the noise leaves some of it in few pixels only.
+    """Return the share of noise carried from frame to frame, and its error; None without a stack."""
+    # Rounding leaves noise in a few pixels only.
     noisy = [level for level in _open(frames.levels) if level.temporal_variance_dn2 > QUANTISATION_LIMIT_DN2]
     # Light that changes shows the response of each pixel in every difference.
     steady = [level for level in noisy if np.ptp(level.frame_means_dn[:3]) < _STEADY * level.mean_dn]
@@ -772,9 +769,9 @@ def _row_noise(frames: _Frames) -> Flag | None:
 
 
 def _banding(frames: _Frames) -> tuple[int, float, float]:
-    """Return where bright flats share more noise in time, rows (0) or columns (1), its share and the error of that."""
+    """Return whether rows (0) or columns (1) of bright flats share more temporal noise, the share and its error."""
     flats = frames.bright_flats
-    # Noise that lines share in the dark is a finding of its own.
+    # Line noise in the dark has its own flag.
     in_dark = np.mean(_line_variances(frames.darks), axis=0) if frames.darks else np.zeros(2)
     noise = np.array([[flat.temporal_variance_dn2 or 1.0] for flat in flats])
     shares = np.mean((_line_variances(flats) - in_dark) / noise, axis=0)
@@ -804,13 +801,13 @@ def _non_monotonic_sweep(levels: Sequence[LevelStatistics], wrong: Sequence[Leve
         return None
     where, named = level_names(drops), wrong or [one for one in drops if _is_darker_than_neighbours(one, flats)]
     if wrong:
-        where = f"that is by {level_names(wrong)}, which the others do not confirm"
+        where = f"this is due to {level_names(wrong)}, which the others do not confirm"
     message = _MESSAGES["non_monotonic_sweep"].format(limit=_UNSTEADY, where=where)
     return Flag(name="non_monotonic_sweep", level=describe_level(named[0]) if named else None, message=message)
 
 
 def _is_darker_than_neighbours(level: LevelStatistics, flats: Sequence[LevelStatistics]) -> bool:
-    """Return whether a flat is less than half as bright as the one before, and that less than half as the one after."""
+    """Return whether a flat has less than half the mean of the flat before, and that one less than half of the next."""
     place = next(index for index, one in enumerate(flats) if one is level)
     if not 0 < place < len(flats) - 1:
         return False
@@ -820,14 +817,14 @@ def _is_darker_than_neighbours(level: LevelStatistics, flats: Sequence[LevelStat
 
 def _light_not_constant(levels: Sequence[LevelStatistics], dark_dn: float) -> Flag | None:
     flats = _open([level for level in levels if level.kind == "flat"])
-    # Above the flat of most noise the sensor saturates.
+    # Above the flat of largest noise the sensor saturates.
     peak_dn = max(flats, key=lambda flat: flat.temporal_variance_dn2).mean_dn if flats else 0.0
     flats = [flat for flat in flats if flat.mean_dn <= peak_dn]
     exposures = column(flats, "exposure_s")
     if np.isnan(exposures).any() or len(np.unique(exposures)) < max(_LEAST_LEVELS, len(flats) // 2):
         return None
     signal = column(flats, "mean_dn") - dark_dn
-    # The shortest exposures are often longer than stated by a fixed time, and dark current bends them.
+    # The shortest exposures often differ from the stated ones by a fixed time, and include dark current.
     is_lit = signal > _LIT * signal.max()
     if signal.min() <= 0.0 or np.count_nonzero(is_lit) < _LEAST_LEVELS:
         return None
@@ -848,7 +845,7 @@ def _not_photon_noise(transfer: PhotonTransfer) -> Flag | None:
     bend, error = _bend(transfer)
     is_line = transfer.gain_dn_per_e > 0.0 and (abs(bend) < _NO_LINE or abs(bend) < _BEND_SIGMA * error)
     points, peak = transfer.points, transfer.saturation
-    # A variance that is largest at a signal far below that of others that are not saturated.
+    # The variance is largest far below the signal of other unsaturated levels.
     is_tone_curve = peak is not None and float(points.signal_dn[~points.saturated].max()) > (
         _BEYOND_SATURATION * points.signal_dn[peak.upper]
     )
@@ -882,10 +879,10 @@ def _bent_photon_transfer(transfer: PhotonTransfer) -> Flag | None:
 
 
 def _cause_of_bend(transfer: PhotonTransfer, *, rises: bool) -> str:
-    """Return the cause of the bend, as far as its direction and the response of the sensor show it."""
+    """Return the cause of the bend, from its direction and the response of the sensor."""
     spreading, curve = brighter_fatter(transfer), transfer.linearity
     if spreading is None or curve is None:
-        # Charge that spreads between pixels only ever takes variance away.
+        # Charge that spreads between pixels can only lower the variance.
         return (
             "the response is not linear (digital corrections, gamma), or light or gain changed within levels"
             if rises
@@ -894,10 +891,10 @@ def _cause_of_bend(transfer: PhotonTransfer, *, rises: bool) -> str:
     found = f"mean against {curve.light} is {curve.departure(transfer.top_dn):+.2%} off its line there"
     left = percent_with_error(*spreading)
     if abs(spreading[0]) < _LEFT_SIGMA * spreading[1]:
-        return f"{found}, and what that does not explain ({left}) is within its error"
+        return f"{found}, and the remainder ({left}) is within its error"
     if spreading[0] > 0.0:
-        return f"{found}, and {left} more is left that no spreading of charge makes: another noise grows with the light"
-    return f"{found}, and {left} is left for charge that spreads between pixels"
+        return f"{found}; spreading charge cannot cause the remaining {left}: another noise grows with the light"
+    return f"{found}, and {left} remains for charge that spreads between pixels"
 
 
 def _scattered_photon_transfer(transfer: PhotonTransfer) -> Flag | None:
@@ -971,7 +968,7 @@ def _impossible_exposures(levels: Sequence[LevelStatistics], stated: StatedExpos
     longest_s = _longest_s(levels)
     if longest_s is None or _SHORTEST_S <= longest_s <= _LONGEST_S:
         return None
-    problem = f"no camera's sweep has that: exposures are stated in another unit than {_as_read(stated)}"
+    problem = f"no camera can take such a sweep: exposures are stated in another unit than {_as_read(stated)}"
     advice = _unit_advice(longest_s, stated)
     return _flag("wrong_time_unit", refuses=True, longest=longest_s, problem=problem, advice=advice)
 
@@ -995,7 +992,7 @@ def _next_unit(stated: StatedExposures, step: int) -> str:
         return f"correct {stated.where}"
     if stated.unit is None:
         return f"look at {stated.where}, or state it with --exposure-unit"
-    return f"if {_UNITS[units[place]][1]} stand in {stated.where}, state the unit with --exposure-unit {units[place]}"
+    return f"if {stated.where} has {_UNITS[units[place]][1]}, state the unit with --exposure-unit {units[place]}"
 
 
 def _unit_advice(longest_s: float, stated: StatedExposures) -> str:
@@ -1008,13 +1005,12 @@ def _unit_advice(longest_s: float, stated: StatedExposures) -> str:
     seconds, name = _UNITS[likely]
     in_it_s = longest_s * seconds / _UNITS[stated.unit][0]
     return (
-        f"if {name} stand in {stated.where}, it is {in_it_s:.3g} s, as usual: state the unit with "
-        f"--exposure-unit {likely}"
+        f"if {stated.where} has {name}, it is {in_it_s:.3g} s, as usual: state the unit with --exposure-unit {likely}"
     )
 
 
 def _likely_unit(longest_s: float, unit: str | None) -> str | None:
-    """Return the nearest unit in which unusual exposures are usual; None where no unit or each of two may be it."""
+    """Return the nearest unit in which unusual exposures are usual; None if none or two are possible."""
     if unit is None or _USUAL_S <= longest_s <= _LONGEST_S:
         return None
     own_s = _UNITS[unit][0]

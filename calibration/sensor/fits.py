@@ -18,18 +18,18 @@ from scipy.special import ndtri, stdtrit
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Steps of the scatter and the relative change at which they end: of a fit, and of one of many curves.
+# Most steps of the scatter, and relative change at which they end: for one fit, and for many curves.
 _STEPS, _CONVERGED = 100, 1e-9
 _CURVE_STEPS, _CURVE_CONVERGED = 30, 1e-3
-# A point more that is taken to be wrong has to explain as much as odds of 1 to 100 against it.
+# Prior odds against each wrong point: 1 to 100.
 _ODDS_COST = 2.0 * np.log(100.0)
-# Odds of less than 1 to 10 between two curves do not decide which it is.
+# Least odds that decide between two curves: 1 to 10.
 _AS_WELL = 2.0 * np.log(10.0)
-# A point that is off by ten of its own errors is measured to be off by more than this.
+# Least significance of a point that is off by ten of its own errors.
 _FAR_SIGMA = 6.0
 # Largest share of points that are left out, and least degrees of freedom of the others.
 _LARGEST_SHARE, _LEAST_FREEDOM = 0.25, 3
-# A point that decides the curve more than this is hardly compared with any other.
+# Largest influence of a point on the curve for a comparison with the others.
 _LARGEST_LEVERAGE = 1.0 - 1e-6
 
 
@@ -39,7 +39,7 @@ class ScatterFit:
 
     parameters: FloatArray
     covariance: FloatArray  #: of the parameters
-    response: FloatArray  #: derivative of each parameter by each value
+    response: FloatArray  #: derivative of each parameter with respect to each value
     scatter: float  #: extra standard deviation, in units of the shape of the scatter
     chi2_per_dof: float | None  #: without the extra scatter; None without degrees of freedom
 
@@ -47,11 +47,10 @@ class ScatterFit:
 def fit_with_scatter(
     design: FloatArray, values: FloatArray, *, sampling_covariance: FloatArray, scatter_shape: FloatArray
 ) -> ScatterFit:
-    """Return the generalised least-squares fit, with the scatter that makes chi-squared what it should be.
+    """Return the generalised least-squares fit with extra scatter.
 
-    The extra scatter is 0 while chi-squared is below its degrees of freedom, else what brings it there. A
-    factor on all error bars would leave a point of small sampling error, such as a long stack, to decide the
-    fit alone; scatter that does not come from sampling is shared by all points.
+    The extra scatter brings chi-squared down to its degrees of freedom; 0 if it is below. All points share it. A
+    factor on all error bars would let a point of small sampling error, such as a long stack, decide the fit alone.
 
     Paule and Mandel, J. Res. NBS 87, 377 (1982), doi:10.6028/jres.087.022.
     """
@@ -90,7 +89,7 @@ def _scatter_step(scatter_variance: float, *, chi2: float, fall: float, freedom:
 def _chi2(
     design: FloatArray, values: FloatArray, covariance: FloatArray, shape_variance: FloatArray
 ) -> tuple[float, float]:
-    """Return chi-squared of the best fit, and by how much it falls with the variance of the scatter."""
+    """Return chi-squared of the best fit, and its decrease with the variance of the scatter."""
     factor = np.linalg.cholesky(covariance)
     white = np.linalg.solve(factor, np.column_stack([design, values]))
     basis = np.linalg.qr(white[:, :-1])[0]
@@ -100,7 +99,7 @@ def _chi2(
 
 
 def _response(design: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return the derivative of each parameter by each value."""
+    """Return the derivative of each parameter with respect to each value."""
     factor = np.linalg.cholesky(covariance)
     response: FloatArray = np.linalg.pinv(np.linalg.solve(factor, design)) @ np.linalg.inv(factor)
     return response
@@ -112,14 +111,14 @@ class CurveModel:
 
     design: FloatArray  #: (points, terms)
     scatter_shape: FloatArray  #: (points,): scatter of each point relative to the others
-    first_term_std: float | None = None  #: how well the first term is known beforehand to be 0; None is not at all
+    first_term_std: float | None = None  #: prior standard deviation of the first term about 0; None if it is free
     term_sizes: FloatArray | None = None  #: largest plausible size of each term
-    is_usual: bool = True  #: unusual curves are tried only where all usual ones leave points out
+    is_usual: bool = True  #: unusual curves are tried only if all usual ones leave points out
     is_through_zero: bool = False  #: it has no offset
 
     @property
     def n_free(self) -> int:
-        """Number of terms of which nothing is known beforehand."""
+        """Number of terms without prior knowledge."""
         return int(self.design.shape[1]) - (self.first_term_std is not None)
 
     @property
@@ -150,14 +149,14 @@ class CurveFit:
 
     @property
     def leverage(self) -> FloatArray:
-        """Share of each point in the curve at its own place, in (0, 1) for the used points."""
+        """Influence of each point on the curve at its own place, in (0, 1) for the used points."""
         return self.curve_variance / self.variance
 
 
 def _fit_curve(
     model: CurveModel, values: FloatArray, sampling_variance: FloatArray, *, used: Mask, start: float = 0.0
 ) -> CurveFit:
-    """Return the weighted fit through the used points, with the scatter that makes chi-squared what it should be."""
+    """Return the weighted fit through the used points, with extra scatter."""
     basis, y, own = model.basis[used], values[used], sampling_variance[used]
     shape_variance = np.square(model.scatter_shape)
     shape, known, freedom = shape_variance[used], _known_of_terms(model), len(y) - model.n_free
@@ -190,10 +189,10 @@ def _known_of_terms(model: CurveModel) -> FloatArray:
 
 
 def _cost_of_terms(model: CurveModel, fit: CurveFit) -> float:
-    """Return Occam's factor of the terms: by how much the points narrow what each may be.
+    """Return Occam's factor of the terms: how far the points narrow the range of each.
 
-    Where nothing is known of their sizes it is that of the information in n points (Schwarz). It is too small for terms
-    that are expected to be small: one wrong level at an end, which two terms more can reach, would pass for a curve.
+    For terms of unknown size it is that of the information in n points (Schwarz). For terms expected to be small this
+    is too weak: two more terms could follow one wrong level at an end.
     """
     if model.term_sizes is None:
         return model.n_free * float(np.log(len(fit.curve)))
@@ -206,7 +205,7 @@ def _cost_of_terms(model: CurveModel, fit: CurveFit) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointInfluence:
-    """Each point compared with the curve through all others that are not outlying."""
+    """Each point compared with the curve through all other points that are not outlying."""
 
     abscissa: FloatArray
     values: FloatArray
@@ -218,7 +217,7 @@ class PointInfluence:
     model: CurveModel  #: the curve
     cost: float  #: minus twice the logarithm of its probability, and the part of each point
     cost_of_each: FloatArray
-    rival: Optional["PointInfluence"] = None  #: another curve, as likely, that leaves points out
+    rival: Optional["PointInfluence"] = None  #: an equally likely curve that leaves points out
 
 
 def point_influence(
@@ -229,13 +228,12 @@ def point_influence(
     abscissa: FloatArray,
     p_false: float,
 ) -> PointInfluence | None:
-    """Return which points are off the simplest curve that explains the others; None with too few points.
+    """Return the points off the simplest curve that explains the others; None with too few points.
 
-    Points are left out one after another, each time the point furthest off the others in units of its own error, up
-    to a quarter of them. All up to the last that is off by more than its limit are outlying, so that two wrong points
-    do not hide one another. Residuals of the others come from the diagonal of the hat matrix, no fit is repeated.
-    Limits are quantiles of the normal law for the part of an error that is sampling and of Student's for the part that
-    is estimated from the scatter of the other points, each for one of n points.
+    Up to a quarter of the points are left out one after another, each time the furthest in units of its own error. All
+    up to the last beyond its limit are outlying, so that two wrong points do not hide one another. Residuals come from
+    the hat matrix. Limits are quantiles, for one of n points, of the normal law for the sampling part of
+    an error and of Student's for the part estimated from the scatter of the other points.
 
     Rosner, Technometrics 25, 165 (1983), doi:10.1080/00401706.1983.10487848; Cook and Weisberg, Residuals and Influence
     in Regression (1982), chapter 2.
@@ -253,7 +251,7 @@ def _cheapest(found: Sequence[PointInfluence]) -> PointInfluence:
 
 
 def _with_rival(best: PointInfluence, found: Sequence[PointInfluence]) -> PointInfluence:
-    """Return the best curve, with a rival that has outlying points if it explains all, or all others, as well."""
+    """Return the best curve, with an equally good rival that has outlying points."""
     if best.outlying.any():
         return best
     rivals = [
@@ -266,7 +264,7 @@ def _with_rival(best: PointInfluence, found: Sequence[PointInfluence]) -> PointI
 
 
 def _alone_decides(points: PointInfluence, best: PointInfluence) -> bool:
-    """Return whether the best curve is better because of one point alone that is far off the curve of the others."""
+    """Return whether the best curve is better only because of one point far off the curve of the others."""
     if np.count_nonzero(points.outlying) != 1:
         return False
     own = np.sqrt(points.variance + np.square(points.scatter * points.model.scatter_shape))[points.outlying]
@@ -287,7 +285,7 @@ def _eliminate(
             break
         worst = _furthest(fit, values, sampling, active, freedom)
         if fit.leverage[worst] >= _LARGEST_LEVERAGE:
-            # None of these points can be compared with another.
+            # These points cannot be compared.
             break
         active = active.copy()
         active[worst] = False
@@ -296,14 +294,14 @@ def _eliminate(
         if off > limit:
             chosen = active
         elif fit.scatter_variance == 0.0:
-            # Sampling alone explains all: no scatter hides a wrong point.
+            # Sampling explains all, so scatter hides no wrong point.
             break
         fit = others
     return _compared(model, values, sampling, abscissa, chosen)
 
 
 def _furthest(fit: CurveFit, values: FloatArray, sampling: FloatArray, active: Mask, freedom: int) -> int:
-    """Return which of the fitted points is furthest off the others in its own standard errors, by the hat matrix."""
+    """Return the fitted point that is furthest off the others in its own standard errors, by the hat matrix."""
     square, decides = np.square(values - fit.curve), fit.leverage >= _LARGEST_LEVERAGE
     spread = square / fit.variance
     open_ = np.maximum(1.0 - fit.leverage, 1.0 - _LARGEST_LEVERAGE)
@@ -315,9 +313,9 @@ def _furthest(fit: CurveFit, values: FloatArray, sampling: FloatArray, active: M
 def _distance(
     others: CurveFit, values: FloatArray, sampling: FloatArray, point: int, *, freedom: int, p_one: float
 ) -> tuple[float, float]:
-    """Return how far a point is off the fit through others in its own standard errors, and the limit of that.
+    """Return the distance of a point from the fit through others in its own standard errors, and its limit.
 
-    The scatter is that of the others alone: where points have unlike errors, that of a wrong one hides it.
+    The scatter is that of the others alone, because a wrong point would otherwise hide in its own scatter.
     """
     error = float(np.sqrt(others.variance[point] + others.curve_variance[point]))
     by_normal, by_student = -float(ndtri(0.5 * p_one)), -float(stdtrit(freedom, 0.5 * p_one))

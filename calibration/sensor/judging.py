@@ -1,4 +1,4 @@
-"""Judging of single levels: which dark or flat is wrong, why, and which results it is left out of.
+"""Wrong dark and flat levels, their causes, and the results that leave them out.
 
 Each level is compared with a smooth curve through all other levels, on one axis after another:
 
@@ -12,12 +12,11 @@ exposure           mean of the flats            stated exposure
 photons            mean of the flats            stated photons
 =================  ===========================  ====================================
 
-A flat that is off in "variance" alone has other noise. A flat that is off in its light alone has a mean that its noise
-confirms, so its stated light is wrong. A flat that is off in both by the same share was taken at another gain: the mean
-goes with the gain and the variance with its square, so variance over mean is off as much as mean over light.
+A flat that is off in "variance" alone has other noise. If it is off in its light alone, its noise confirms its mean, so
+the stated light is wrong. If it is off in both by the same share, it was taken at another gain: the mean goes with the
+gain, the variance with its square.
 
-A change of gain or lamp in the middle of a sweep is a step on the axes "variance" and "exposure" or "photons"; a set
-with such a step has no single levels that are off.
+A change of gain or lamp in the middle of a sweep is a step on the axes "variance" and "exposure" or "photons".
 
 The probability that a sound set has any finding here is 0.6 %, divided among the axes and the step.
 """
@@ -68,37 +67,36 @@ _P_FALSE = 6e-3
 _SHARES = {"dark mean": 1 / 12, "dark variance": 1 / 12, "variance": 1 / 6, "exposure": 1 / 4, "photons": 1 / 4}
 _P_FALSE_STEP = _P_FALSE / 6
 _LEAST_LEVELS = 5
-# Polynomials of darks against exposure: the most terms, the least size of a term in errors of a level, and the largest
-# size of a term over that of the term before it.
+# Polynomials of darks against exposure: most terms, least size of a term in errors of a level, and largest size of a
+# term over the one before.
 _MOST_TERMS, _LEAST_TERM, _NEXT_TERM = 6, 10.0, 0.5
 _LEAST_VARIANCE_DN2, _LEAST_RELATIVE = 1e-9, 1e-6
 # Usual offset of the exposures as a share of the longest: some microseconds in a sweep of ten milliseconds.
 _USUAL_OFFSET = 3e-4
 # Usual sizes of other terms, as shares of the brightest level: an offset, bends of the response and of the noise.
 _OFFSET, _BEND_OF_RESPONSE, _BEND_OF_NOISE = 0.02, 0.1, 0.2
-# Shutters and readouts of usual cameras are this late or early at most [s].
+# Largest delay of shutters and readouts of usual cameras [s].
 _USUAL_SHUTTER_S = 3e-6
-# A step has this many levels on either side, leaves this many degrees of freedom, and is at least this high.
+# Least levels on either side of a step, degrees of freedom, and height.
 _STEP_LEVELS, _STEP_FREEDOM, _LEAST_STEP, _STEP_SIGMA = 3, 3, 0.01, 3.0
 # Largest chi-squared per degree of freedom about curve and step.
 _EXPLAINED = 4.0
-# Deviations on both axes that agree to this many errors, or to a quarter, have one cause.
+# Difference, in errors or relative, up to which deviations on both axes have one cause.
 _ALIKE_SIGMA, _ALIKE_SHARE = 4.0, 0.25
 _OFFSET_FLAG = "exposure_offset"
 _MESSAGES = {
-    "wrong_variance": "its temporal variance is {variance} off the curve that all others follow against their means: "
+    "wrong_variance": "its temporal variance is {variance} off the curve of all others against their means: "
     "{reason}; it is left out of the gain: take it again",
-    "wrong_light": "its mean is {mean} off the response to the {light} that all others follow{noise_fits}: what is "
-    "stated of its {light} is wrong, or the lamp was another then; {left_out}: correct what is stated, or take it "
-    "again",
-    "another_gain": "variance over mean is {variance}, mean over {light} {mean} off what all others follow, by the "
-    "same share: it was taken at another gain; it is left out of the gain and of linearity: take it again",
+    "wrong_light": "its mean is {mean} off the response of all others to the {light}{noise_fits}: its stated "
+    "{light} is wrong, or the lamp changed; {left_out}: correct the statement, or take it again",
+    "another_gain": "variance over mean is {variance}, mean over {light} {mean} off that of all others, by the same "
+    "share: it was taken at another gain; it is left out of the gain and of linearity: take it again",
     "wrong_level": "its temporal variance is {variance} off its mean and its mean {mean} off its {light}: other "
     "frames, another gain, or saturation; it is left out of the gain and of linearity: take it again",
     "unclear_level": "its {doubt} of the others, or all levels bend, scatter or are late by more than usual: these "
-    "frames do not tell which, and it stays in all numbers: take it again, with more levels near it",
-    "exposure_offset": "its {doubt} of the others, or all exposures are {late} (a shutter, a readout): this level "
-    "alone shows it, and it stays in all numbers; so short a time is usual: take more short exposures",
+    "frames cannot decide, and it stays in all numbers: take it again, with more levels near it",
+    "exposure_offset": "its {doubt} of the others, or all exposures are {late} (a shutter, a readout), which is usual: "
+    "only this level shows it, and it stays in all numbers: take more short exposures",
 }
 
 
@@ -115,10 +113,10 @@ class LevelInfluence:
 
 
 def sound_darks(darks: Sequence[LevelStatistics]) -> tuple[list[LevelStatistics], tuple[Flag, ...]]:
-    """Return the dark levels that go together, and a flag for each that does not.
+    """Return the consistent dark levels, and a flag for each other.
 
-    Means follow a polynomial of the exposure. Variances follow one too, or a straight line of the mean: however a dark
-    current changes, its electrons add to the variance what they add to the mean.
+    Means follow a polynomial of the exposure. Variances follow one too, or a straight line of the mean, because dark
+    electrons add equally to both.
     """
     exposures = column(darks, "exposure_s")
     by_mean = _dark_means(darks, exposures) if len(darks) >= _LEAST_LEVELS else None
@@ -140,9 +138,9 @@ def judged_curve(
 ) -> tuple[PhotonTransfer, tuple[LevelInfluence, ...], LightStability, tuple[Flag, ...]]:
     """Return the photon-transfer curve through the sound levels; flats by ascending mean.
 
-    With it come the influence of each flat, the wander of the light and the flags of wrong levels. `weights` are those
-    of `match_darks`. A level that is off on an axis is left out of the fits on this axis only. Levels between the range
-    of the fit and saturation are in no fit, but their light is judged.
+    Also return the influence of each flat, the stability of the light and the flags of wrong levels. `weights` are
+    those of `match_darks`. A level that is off on an axis is left out of the fits on this axis only. Levels between the
+    range of the fit and saturation are in no fit, but their light is judged.
     """
     points = transfer_points(flats, dark, weights, ceiling_dn=ceiling_dn)
     full_dn = ceiling_dn - float(dark.means_dn.min())
@@ -164,7 +162,7 @@ def judged_curve(
     if change is None:
         levels, wrong_noise, wrong_light, flags = _judged_levels(flats, usable, lit, noise, light)
     else:
-        # No level is judged by itself where the levels follow no smooth curve.
+        # Without a smooth curve no level is judged.
         levels, flags = [LevelInfluence() for _ in flats], [change[0]]
         wrong_noise, wrong_light = np.zeros_like(usable), usable
     transfer = fit_photon_transfer(
@@ -187,12 +185,12 @@ def judged_curve(
 
 
 def is_lamp_sweep(flats: Sequence[LevelStatistics]) -> bool:
-    """Return whether the light of flats was varied by the lamp, at one exposure or at unknown ones."""
+    """Return whether the lamp varied the light of flats, at one exposure or at unknown ones."""
     return len(flats) > 1 and len({flat.exposure_s for flat in flats}) <= max(1, len(flats) // 4)
 
 
 def mean_variance_dn2(flats: Sequence[LevelStatistics], signal_dn: FloatArray, stability: LightStability) -> FloatArray:
-    """Return the variance of the means of flats by pixel noise, rounding and wander of the light [DN^2]."""
+    """Return the variance of flat means from pixel noise, rounding and unsteady light [DN^2]."""
     temporal = column(flats, "temporal_variance_dn2")
     spatial = pattern_variances(flats)
     rounding = mean_rounding_error_dn(least_noise_dn2(temporal, spatial) + spatial)
@@ -206,7 +204,7 @@ def _chosen(levels: Sequence[LevelStatistics], chosen: Mask) -> list[LevelStatis
 
 
 def _stated_light(flats: Sequence[LevelStatistics]) -> FloatArray | None:
-    """Return photons or exposures of the flats, None where neither is known for all or they do not differ."""
+    """Return photons or exposures of the flats, None if neither is known for all or all are equal."""
     known = [light for light in (column(flats, "photons"), column(flats, "exposure_s")) if not np.isnan(light).any()]
     return next((light for light in known if len(np.unique(light)) > len(light) // 2), None)
 
@@ -226,7 +224,7 @@ def _relative(points: PointInfluence, row: int) -> _Offset:
 
 def _dark_means(darks: Sequence[LevelStatistics], exposures: FloatArray) -> PointInfluence | None:
     means = column(darks, "mean_dn")
-    # Pixels that jump may be left out of the mean of one level and not of the next.
+    # Jumping pixels may be left out of the mean of one level and not of the next.
     left_out_dn = np.array([np.mean(dark.frame_means_dn) for dark in darks]) - means
     own = mean_sampling_variance(darks) + np.square(left_out_dn)
     return _on_axis("dark mean", _dark_models(exposures, means, own), means, own, exposures)
@@ -275,7 +273,7 @@ def _curve(design: FloatArray, sizes: FloatArray) -> CurveModel:
 def _sizes(exposures: FloatArray, values: FloatArray, variance: FloatArray) -> FloatArray:
     """Return the largest plausible size of each term: that of the dark current, and smaller from term to term.
 
-    A dark current that grows with the sensor's temperature bends the means by many times their errors.
+    The dark current of a warming sensor bends the means by many times their errors.
     """
     least = _LEAST_TERM * float(np.sqrt(np.median(variance)))
     first = max(float(np.ptp(_line_of_all(exposures, values))), least)
@@ -287,8 +285,8 @@ def _sizes(exposures: FloatArray, values: FloatArray, variance: FloatArray) -> F
 def _line_of_all(exposures: FloatArray, values: FloatArray) -> FloatArray:
     """Return a rising line through the values by Theil and Sen; up to a quarter of wrong darks do not move it.
 
-    Errors are taken from this line because a variance that is low by chance would state too small an error. A median
-    over all levels would do so for long exposures, where dark current makes most of the noise.
+    Errors are taken from this line, because a variance that is low by chance would state too small an error, and so
+    would a median over all levels at long exposures, where dark current dominates the noise.
 
     Sen, J. Am. Stat. Assoc. 63, 1379 (1968), doi:10.1080/01621459.1968.10480934.
     """
@@ -311,8 +309,8 @@ def _dark_flag(dark: LevelStatistics, row: int, by_mean: PointInfluence, by_vari
     )
     cause = "light got in, or the sensor was warmer" if off > 0.0 else "it is of another exposure"
     message = (
-        f"{name}: its mean is {mean} DN and its temporal variance {variance} DN^2 off the values that all other darks "
-        f"give for its exposure: {cause}, or its frames are of something else; it is left out: take it again"
+        f"{name}: its mean is {mean} DN and its temporal variance {variance} DN^2 off the values of all other darks "
+        f"at its exposure: {cause}, or its frames show something else; it is left out: take it again"
     )
     return Flag(name="wrong_dark", level=name, message=message)
 
@@ -343,7 +341,7 @@ def _by_noise(points: TransferPoints, used: Mask, *, has_darks: bool) -> PointIn
 def _by_light(
     flats: Sequence[LevelStatistics], points: TransferPoints, chosen: Mask, own_dn2: FloatArray
 ) -> list[tuple[_LightName, PointInfluence]]:
-    """Compare the flats with their response to exposure and to photons; the light that they follow best comes first."""
+    """Compare the flats with their response to exposure and to photons, best fit first."""
     levels, signal_dn, own = _chosen(flats, chosen), points.signal_dn[chosen], own_dn2[chosen]
     lights: tuple[tuple[_LightName, str], ...] = (("exposure", "exposure_s"), ("photons", "photons"))
     found = [(name, _by_one_light(name, signal_dn, column(levels, field), own)) for name, field in lights]
@@ -409,7 +407,7 @@ def _judged_levels(
         if cause is not None:
             name = describe_level(flats[index])
             message = f"{name}: {_MESSAGES[cause].format(**words)}"
-            # A usual offset of all exposures blames no level.
+            # No level is wrong if a usual offset of all exposures explains it.
             flags.append(Flag(name=cause, level=None if cause == _OFFSET_FLAG else name, message=message))
         levels[index] = LevelInfluence(
             variance_off=variance_off and variance_off[0],
@@ -435,7 +433,7 @@ def _doubt(
     noise: tuple[PointInfluence, int] | None,
     lights: Sequence[tuple[_LightName, PointInfluence, int]],
 ) -> tuple[str | None, dict[str, str]]:
-    """Return the flag of a level that is off a curve as likely as the fitted one, and the words for its message."""
+    """Return the flag of a level that is off a curve as likely as the fitted one, and words for its message."""
     for name, points, row in sorted(lights, key=lambda one: one[0]):
         if points.rival is None or not points.rival.outlying[row]:
             continue
@@ -471,7 +469,7 @@ def _words(variance_off: _Offset | None, mean_off: _Offset | None, light: _Light
         if variance_off is not None and variance_off[0] > 0.0
         else "frames that repeat or were averaged, compression, another gain, or the onset of saturation",
         "noise_fits": "" if variance_off is None else f", while its noise fits its mean ({variance})",
-        "left_out": "it is too bright for the fits, and in none of the numbers"
+        "left_out": "it is too bright for the fits and affects no number"
         if variance_off is None
         else "it is left out of linearity and quantum efficiency, and stays in the gain",
     }
@@ -488,7 +486,7 @@ class _Step:
 
     @property
     def is_large(self) -> bool:
-        """Whether it is higher than a lamp or a bend makes."""
+        """True if it is higher than a lamp or a bend causes."""
         return self.is_real and abs(self.relative) > _LEAST_STEP
 
     def __str__(self) -> str:
@@ -504,13 +502,13 @@ def _change(
 ) -> tuple[Flag, float] | None:
     """Return the flag of a change of gain or lamp within a sweep, and the relative error of the gain that it causes.
 
-    Another gain changes mean over light and variance over mean by the same share, another light the first alone. Where
-    the noise is too coarse to tell, the error of the gain is all of the change of the light.
+    Another gain changes mean over light and variance over mean by the same share, another light only the first. If the
+    noise is too coarse to decide, the error of the gain is the whole change of the light.
     """
     light, levels = (lights[0][1] if lights else None), _chosen(flats, lit)
     by_noise, by_light = _step(noise, terms=2), _step(light, terms=3)
     if by_noise is not None and by_noise.is_large:
-        # A gain changes the mean over light as well.
+        # A gain also changes mean over light.
         at_step = _step(light, terms=3, place=by_noise.place)
         if at_step is None or not _differ(at_step, by_noise, float(np.hypot(at_step.std_error, by_noise.std_error))):
             return _gain_flag(levels, by_noise, by_noise, by_light, by_dark), abs(by_noise.relative)
@@ -543,7 +541,7 @@ def _light_flag(levels: Sequence[LevelStatistics], light: _Step, noise: _Step | 
     verdict = (
         "the lamp changed; gain and noise stand, linearity is not known"
         if is_lamp
-        else "lamp or gain changed, and the noise is too coarse to tell which: the error of the gain holds it, "
+        else "lamp or gain changed, and the noise is too coarse to decide: the error of the gain includes this, "
         "linearity is not known; take larger frames or more of them, with automatic gain off"
     )
     of_noise = "" if noise is None else f"variance over mean changes by {noise}"
@@ -562,10 +560,10 @@ def _step(points: PointInfluence | None, *, terms: int, place: int | None = None
         return None
     scaled = points.abscissa / points.abscissa.max()
     design = np.column_stack([scaled**power for power in range(1, terms + 1)])
-    # Where single levels stand off, the scatter is that of the others, and no step explains them.
+    # No step explains single wrong levels; the scatter is that of the others.
     variance = points.variance + np.square(points.scatter * points.model.scatter_shape)
     least = float(np.median(points.variance / variance))
-    # Single points are noisy at faint levels, and a step of their own size would find itself there.
+    # Single faint points are noisy and would look like steps.
     shape = np.abs(points.abscissa * np.median(points.values / points.abscissa))
     return _largest_step(design, points.values, variance, shape=shape, least_share=least, place=place)
 
@@ -597,7 +595,7 @@ def _largest_step(
     """Return the step that explains most of the deviations from a smooth curve; None with too few points.
 
     Each step is one more column of the linear model, so its reduction of chi-squared has a closed form. Errors follow
-    from the scatter about curve and step; they are never smaller than by sampling alone.
+    from the scatter about curve and step, and are at least those of sampling.
     """
     n, n_terms = design.shape
     freedom = n - n_terms - 1

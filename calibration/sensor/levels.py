@@ -1,12 +1,12 @@
 """Statistics of one level of a sensor: frames of one kind, exposure and light, read once and not kept.
 
-The *temporal* variance is the noise of a pixel from frame to frame. It comes from differences of consecutive frames:
-what is the same in both drops out, and with the mean of the difference so does light that flickers as a whole. The
-*spatial* variance is what differs from pixel to pixel and stays the same from frame to frame: the variance of the mean
-picture less its share of temporal noise. EMVA Standard 1288, Release 4.0 Linear, sections 6.6 and 8.2.
+The *temporal* variance is the noise of a pixel from frame to frame. It comes from differences of consecutive frames
+less their mean, from which the fixed pattern and flicker drop out. The *spatial* variance is that of constant
+differences between pixels: the variance of the mean picture less its temporal noise. EMVA Standard 1288, Release 4.0
+Linear, sections 6.6 and 8.2.
 
-The same pass collects what shows unfit frames: the samples as integers, noise that neighbours, rows or columns share,
-noise that one frame leaves in the next, and pixels unlike all others.
+The same pass collects signs of unfit frames: the samples as integers, correlated noise of neighbours, rows, columns and
+consecutive frames, and outlying pixels.
 
 Samples are rounded to whole counts. Where the noise is below half a count or so, rounding leaves errors in means and
 variances that depend on the place between two counts; the functions named `*_rounding_error_*` give their size.
@@ -34,22 +34,22 @@ _LEAST_PIXELS = 4
 _MOST_FRAMES = 65536
 # Pixels of a block that stays in the processor's cache.
 _BLOCK_PIXELS = 49152
-# Pixels, of the first rows, that are enough for correlations; pixels that are enough for a histogram and for a median
+# Pixels of the first rows used for correlations; pixels used for a histogram and for a median
 # (to 2 % of a standard deviation).
 _CORRELATION_PIXELS, _HISTOGRAM_PIXELS, _MEDIAN_PIXELS = 98304, 65536, 4096
-# A difference of two frames, or a pixel of the fixed pattern, this many standard deviations away is not noise: a normal
+# Standard deviations beyond which a difference of two frames, or a pixel of the fixed pattern, is an outlier: a normal
 # law has none in a million.
 _OUTLIER_SIGMA = 6.0
 _SIGMA_OF_MEDIAN = 1.4826
-# Rounding alone makes differences of this variance; what is smaller is never called an outlier.
+# Variance of differences from rounding alone; smaller deviations are never outliers.
 _ROUNDING_DIFFERENCE_VAR_DN2 = 0.5
 _OUTLIER_PASSES = 5
 _ROUNDING_STD_DN = 12.0**-0.5
-# More defects than this share are shading or structure rather than single pixels: none is left out then.
+# With a larger share of defects they are shading or structure, and none is left out.
 _MOST_DEFECTS = 0.03
-# Blocks along the shorter side of a picture, that separate uneven light from differences of pixels.
+# Blocks along the shorter side of a picture, to separate uneven light from differences of pixels.
 _BLOCKS_ACROSS = 16
-# A value that its neighbours predict so often is missing by chance once in 1e10 (Poisson).
+# Expected count of a value that is missing by chance once in 1e10 (Poisson).
 _LEAST_EXPECTED, _NEIGHBOURS = 25.0, 9
 _ROWS_APART = 4
 # Significance from which on noise of whole rows and columns is counted.
@@ -60,7 +60,7 @@ _NAMED_LEVELS = 3
 
 @dataclass(frozen=True, kw_only=True)
 class SharedNoise:
-    """Noise in time that pixels share, from the difference of the first two frames."""
+    """Temporal noise common to several pixels, from the difference of the first two frames."""
 
     horizontal: float  #: correlation of neighbours along rows, and down columns
     vertical: float
@@ -73,11 +73,11 @@ class SharedNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class OrdinaryPattern:
-    """The fixed pattern without pixels that are unlike all others (hot, dead and other defects)."""
+    """The fixed pattern without outlying pixels (hot, dead and other defects)."""
 
     variance_dn2: float
     std_error_dn2: float
-    temporal_cov_dn4: float  #: covariance of its error with that of the temporal variance
+    temporal_cov_dn4: float  #: covariance with the error of the temporal variance
     small_scale_variance_dn2: float  #: without what is smooth across the picture
     left_out: int  #: number of pixels left out
 
@@ -97,17 +97,17 @@ class LevelStatistics:
 
     kind: LevelKind  #: without light, or with even light
     exposure_s: float | None  #: exposure time [s], None where it is not known
-    #: mean photons that a pixel received, by a measurement; None where they are not known
+    #: measured mean photons per pixel; None where not known
     photons: float | None
     n_frames: int  #: at least 2
     shape: tuple[int, int]  #: rows and columns
-    n_pixels: int  #: pixels without an outlier; mean and variances are theirs
+    n_pixels: int  #: pixels without an outlier, used for mean and variances
     mean_dn: float  #: mean of all frames [DN]
     frame_means_dn: tuple[float, ...]  #: mean of each frame, outliers too [DN]
-    temporal_variance_dn2: float  #: mean over pixels of the variance in time, rounding included [DN^2]
+    temporal_variance_dn2: float  #: mean over pixels of the temporal variance, rounding included [DN^2]
     temporal_std_error_dn2: float
-    #: variance from pixel to pixel of what stays the same in time [DN^2]; may be below 0 by its error. The error counts
-    #: the pixels as drawn from a larger population.
+    #: variance of the constant differences between pixels [DN^2]; may be below 0 by its error, which includes the
+    #: sampling of pixels from a larger population
     spatial_variance_dn2: float
     spatial_std_error_dn2: float
     small_scale_variance_dn2: float  #: the spatial variance without what is smooth on a sixteenth of the picture [DN^2]
@@ -116,9 +116,9 @@ class LevelStatistics:
     mosaic_contrast: float  #: largest difference of the means of the four pixels of a 2 x 2 cell, relative to the mean
     shared: SharedNoise
     samples: "SampleTally"  #: the samples as integers
-    #: share of a pixel's noise that one frame leaves in the next, and its error; None with two frames or without noise
+    #: share of a pixel's noise carried into the next frame, and its error; None with two frames or without noise
     lag: tuple[float, float] | None = None
-    picture: LevelPicture | None = None  #: pixel by pixel, where that was asked for
+    picture: LevelPicture | None = None  #: pixel by pixel, if requested
 
 
 class SampleTally:
@@ -127,8 +127,8 @@ class SampleTally:
     def __init__(self) -> None:
         self.max_dn = -1  #: largest sample
         self.used_bits = 0  #: bits that are set in any sample
-        self.missing_codes = 0.0  #: share of the values amid others that never occur, by the first frame
-        #: two numbers a frame that tell it from other frames; none of frames with one value
+        self.missing_codes = 0.0  #: share of values between others that never occur in the first frame
+        #: two numbers per frame that identify it; none for frames with one value
         self.digests: list[tuple[int, int]] = []
         self._samples = self._zeros = self._at_max = 0
 
@@ -156,7 +156,7 @@ class SampleTally:
         self._samples += frame.size
         self.used_bits |= int(np.bitwise_or.reduce(frame, axis=None))
         if low < high:
-            # Both together tell a million frames apart: the sum of a frame alone scatters over thousands.
+            # Both together identify a million frames; the sum of a frame alone scatters over thousands.
             some_rows = np.ascontiguousarray(frame[::_ROWS_APART])
             self.digests.append((round(cv2.sumElems(frame)[0]), zlib.crc32(some_rows.data)))
 
@@ -174,7 +174,7 @@ def level_statistics(
     Parameters
     ----------
     frames : iterable of (H, W) arrays of uint16
-        In the order in which they were taken; at least two, all of one size [DN]. Each is looked at once.
+        In the order in which they were taken; at least two, all of one size [DN]. Each is read once.
     kind : {"dark", "flat"}
         Without light, or with even light.
     exposure_s : float or None
@@ -182,33 +182,33 @@ def level_statistics(
     photons : float or None
         Mean photons that a pixel receives in a frame, None where they are not known.
     keep_picture : bool
-        Whether the mean and the variance of each pixel are kept too.
+        Also keep the mean and the variance of each pixel.
 
     Raises
     ------
     CalibrationError
-        Fewer than two frames, frames of different size, or hardly any pixels.
+        Fewer than two frames, frames of different size, or too few pixels.
 
     Notes
     -----
-    Standard errors come from how the squares scatter from pixel to pixel, not from an assumed law. They include noise
-    that whole rows or columns share; other noise that neighbours share makes them too small.
+    Standard errors come from the scatter of the squares from pixel to pixel, not from an assumed law. They include
+    noise common to rows or columns; other correlated noise makes them too small.
 
     A pixel with a difference beyond 6 standard deviations (cosmic hit, telegraph noise) is left out of this
-    level. Memory: a few pictures, however many frames there are. Squares are taken in single precision: 1e-7 of
-    each, and of the variance less.
+    level. Memory: a few pictures. Squares are in single precision: an error of 1e-7 each, less in the
+    variance.
 
     References
     ----------
-    EMVA Standard 1288, Release 4.0 Linear, sections 6.6 and 8.2; here with more than one pair a level.
+    EMVA Standard 1288, Release 4.0 Linear, sections 6.6 and 8.2; here with more than one pair per level.
     """
     sequence = iter(frames)
     previous = next(sequence, None)
     if previous is None:
-        raise CalibrationError(f"a level needs at least two frames, to see noise; this {kind} has none")
+        raise CalibrationError(f"a level needs at least two frames to show noise; this {kind} has none")
     if previous.ndim != 2 or previous.size < _LEAST_PIXELS:
         raise CalibrationError(
-            f"a frame has to be (rows, columns) with {_LEAST_PIXELS} pixels or more, not {previous.shape}"
+            f"a frame must be (rows, columns) with at least {_LEAST_PIXELS} pixels; this one is {previous.shape}"
         )
     shape, total, first_rows = (previous.shape[0], previous.shape[1]), previous.astype(np.uint32), _first_rows(previous)
     samples, means = SampleTally(), [cv2.mean(previous)[0]]
@@ -233,7 +233,7 @@ def level_statistics(
         previous = frame
     n_frames = len(means)
     if square_sum is None:
-        raise CalibrationError(f"a level needs at least two frames, to see noise; this {kind} has {n_frames}")
+        raise CalibrationError(f"a level needs at least two frames to show noise; this {kind} has {n_frames}")
 
     kept = None if outlier is None else ~outlier
     kept_total = total if kept is None else total[kept]
@@ -245,7 +245,7 @@ def level_statistics(
     pixels = (square_sum, deviations) if kept is None else (square_sum[kept], deviations[kept])
     (temporal_dn2, spatial_dn2), errors = _variances(*pixels, n_frames=n_frames)
     small_dn2 = _small_scale_variance(deviations, spatial_dn2=spatial_dn2, noise_dn2=temporal_dn2 / n_frames)
-    # Few rows and columns share noise, so that variances scatter by more than pixels do.
+    # Noise of rows and columns has few independent values, which makes variances scatter by more.
     by_lines_dn2 = _error_of_shared_noise(shared, shape)
     ordinary = _ordinary_pattern(
         square_sum,
@@ -301,7 +301,7 @@ def level_names(levels: Sequence[LevelStatistics]) -> str:
 
 
 def column(levels: Sequence[LevelStatistics], name: str) -> FloatArray:
-    """Return one number of each level, nan where it is not known."""
+    """Return one number of each level, nan if unknown."""
     return np.array([np.nan if (value := getattr(level, name)) is None else value for level in levels], dtype=float)
 
 
@@ -316,15 +316,14 @@ def small_scale_freedom(shape: tuple[int, int]) -> float:
     return 1.0 - side**-2 if side else 1.0
 
 
-# Errors by rounding to whole counts. Widrow and Kollar, Quantization Noise (2008), chapter 4: the first harmonics.
+# Errors from rounding to whole counts. Widrow and Kollar, Quantization Noise (2008), chapter 4: the first harmonics.
 
 
 def least_noise_dn2(variance_dn2: FloatArray, spatial_dn2: FloatArray) -> FloatArray:
-    """Return the least noise in time before rounding from which a measured variance may come [DN^2].
+    """Return the least temporal noise before rounding that can give a measured variance [DN^2].
 
-    Where the mean is half-way between two counts, noise that hardly dithers is measured too large, by up to its
-    rounding error; taken at face value it would promise a dither that is not there. The largest measured variance
-    grows with the noise, so halving an interval finds the root.
+    With a mean half-way between two counts, small noise is measured too large by up to its rounding error, and would
+    suggest a dither that does not exist. The largest measured variance grows with the noise; bisection finds the root.
     """
     low, high = np.zeros_like(variance_dn2), np.maximum(variance_dn2, 0.0)
     for _ in range(_HALVINGS):
@@ -335,7 +334,7 @@ def least_noise_dn2(variance_dn2: FloatArray, spatial_dn2: FloatArray) -> FloatA
 
 
 def mean_rounding_error_dn(noise_dn2: FloatArray) -> FloatArray:
-    """Return the rms error that rounding leaves in a mean, over all places between two counts [DN].
+    """Return the rms rounding error of a mean, over all places between two counts [DN].
 
     The error at a place is exp(-2 pi^2 noise) sin(2 pi mean) / pi.
     """
@@ -344,7 +343,7 @@ def mean_rounding_error_dn(noise_dn2: FloatArray) -> FloatArray:
 
 
 def variance_rounding_error_dn2(temporal_dn2: FloatArray, spatial_dn2: FloatArray) -> FloatArray:
-    """Return the rms error that rounding leaves in a variance in time beyond 1/12 DN^2, over all places [DN^2].
+    """Return the rms rounding error of a temporal variance beyond 1/12 DN^2, over all places [DN^2].
 
     The error at a place is (4 noise + 1 / pi^2) exp(-2 pi^2 noise) cos(2 pi mean).
     """
@@ -354,10 +353,10 @@ def variance_rounding_error_dn2(temporal_dn2: FloatArray, spatial_dn2: FloatArra
 
 
 def spatial_rounding_error_dn2(temporal_dn2: FloatArray, spatial_dn2: FloatArray) -> FloatArray:
-    """Return the rms error that rounding leaves in a variance from pixel to pixel, over all places [DN^2].
+    """Return the rms rounding error of a spatial variance, over all places [DN^2].
 
-    Where rounding moves means by exp(-2 pi^2 noise) sin(2 pi mean) / pi, pixels that differ are pushed together or
-    apart by its slope: twice the covariance of place and move, by Stein's lemma.
+    Rounding moves means by exp(-2 pi^2 noise) sin(2 pi mean) / pi, and its slope pushes unequal pixels together or
+    apart: twice the covariance of place and move, by Stein's lemma.
     """
     error: FloatArray = np.sqrt(8.0) * spatial_dn2 * np.exp(-2.0 * np.pi**2 * (temporal_dn2 + spatial_dn2))
     return error
@@ -370,14 +369,14 @@ def _require_room(frame: Frame, shape: tuple[int, int], *, n_frames: int) -> Non
     if frame.shape != shape:
         raise CalibrationError(
             f"frames of one level differ in size: {shape} and {frame.shape} (rows, columns); "
-            f"all must be of one region of the sensor"
+            f"use one region of the sensor"
         )
     if n_frames == _MOST_FRAMES:
         raise CalibrationError(f"a level has more than {_MOST_FRAMES} frames; make several levels of them")
 
 
 def _missing_codes(frame: Frame, low: int) -> float:
-    """Return the share of values that never occur though their neighbours do."""
+    """Return the share of values that never occur between neighbours that do."""
     counts = np.bincount(frame.ravel()[:_HISTOGRAM_PIXELS] - low)
     if len(counts) < _NEIGHBOURS:
         return 0.0
@@ -387,14 +386,14 @@ def _missing_codes(frame: Frame, low: int) -> float:
 
 
 def _squared_difference(before: Frame, frame: Frame, *, offset_dn: float) -> tuple[SingleArray, Mask | None]:
-    """Return the squares of the difference of two frames less its mean, and the pixels in which it is not noise."""
+    """Return the squared difference of two frames less its mean, and the outlying pixels."""
     square = np.empty(frame.shape, dtype=np.float32)
     total, largest = _fill_squares(square, before, frame, offset_dn)
     if largest <= _outlier_limit(total / square.size):
         return square, None
     limit = _outlier_limit(float(square.mean()))
     for _ in range(_OUTLIER_PASSES):
-        # An outlier raises the mean that it is judged by: judge again without it.
+        # An outlier raises its own limit: repeat without it.
         tighter = _outlier_limit(float(square[square <= limit].mean()))
         if tighter >= limit:
             break
@@ -423,22 +422,22 @@ def _outlier_limit(mean_square: float) -> float:
 
 
 def _row_blocks(shape: tuple[int, ...]) -> Iterator[slice]:
-    """Yield slices of rows with so few pixels that a block of them stays in the processor's cache."""
+    """Yield slices of rows that fit into the processor's cache."""
     step = max(1, _BLOCK_PIXELS // shape[1])
     for start in range(0, shape[0], step):
         yield slice(start, start + step)
 
 
 def _first_rows(frame: Frame) -> Frame:
-    """Return a copy of the rows from which correlations are taken."""
+    """Return a copy of the rows used for correlations."""
     return frame[: max(2, _CORRELATION_PIXELS // frame.shape[1])].copy()
 
 
 def _shared_noise(first: Frame, second: Frame, *, outlier: Mask | None) -> SharedNoise:
-    """Return what pixels share of the noise in time.
+    """Return the temporal noise common to several pixels.
 
-    A sensor's noise is independent from pixel to pixel. Neighbours share noise where a camera filters, interpolates
-    colours or compresses, and where charge spreads; the gain of a photon-transfer curve is then wrong by as much.
+    A sensor's noise is independent from pixel to pixel. Filters, colour interpolation, compression and spreading charge
+    correlate neighbours, and bias the gain of a photon-transfer curve by the same share.
     """
     chosen = slice(max(2, _CORRELATION_PIXELS // first.shape[1]))
     difference = np.subtract(second[chosen], first[chosen], dtype=np.float32)
@@ -470,11 +469,11 @@ def _product(one: SingleArray, other: SingleArray) -> float:
 
 
 def _image_lag(first: Frame, second: Frame, third: Frame) -> tuple[float, float] | None:
-    """Return the share of the noise that goes over from frame to frame and its error; None where there is no noise.
+    """Return the share of the noise carried from frame to frame, and its error; None without noise.
 
-    Two differences that follow one another share the middle frame: of independent frames their correlation is -1/2. A
-    camera that mixes each frame with the one before, share a, has -(1 - a) / 2, and a variance that is smaller than
-    the sensor's by (1 - a) / (1 + a); differences show only (1 - a)^2 / (1 - a^2) of it.
+    Consecutive differences share the middle frame, so for independent frames their correlation is -1/2. If a camera
+    mixes each frame with the share a of the one before, it is -(1 - a) / 2, and the variance falls by the factor
+    (1 - a) / (1 + a); differences show only (1 - a)^2 / (1 - a^2) of it.
     """
     differences = [np.subtract(*pair, dtype=np.float32).ravel() for pair in ((second, first), (third, second))]
     for one in differences:
@@ -503,13 +502,13 @@ def _variances(
     temporal, spatial = square_sums.ravel(), deviations.ravel()
     for start in range(0, n, _BLOCK_PIXELS):
         one, other = temporal[start : start + _BLOCK_PIXELS], np.square(spatial[start : start + _BLOCK_PIXELS])
-        # OpenCV adds in double precision, and without threads that would cost more than they save.
+        # OpenCV adds in double precision and without costly threads.
         of_one, of_other = cv2.norm(one, cv2.NORM_L2SQR), cv2.norm(other, cv2.NORM_L2SQR)
         product = 0.5 * (of_one + of_other - cv2.norm(one, other, cv2.NORM_L2SQR))
         sums += (cv2.sumElems(one)[0], cv2.sumElems(other)[0], of_one, product, of_other)
     # The mean of each takes one degree of freedom.
     correction = n / (n - 1)
-    # Temporal and spatial variance of a pixel, by its squared differences and its squared deviation from the mean.
+    # Temporal and spatial variance of a pixel, from its squared differences and its squared deviation from the mean.
     weights = correction * np.array([[0.5 / (n_frames - 1), 0.0], [-0.5 / (n_frames - 1) / n_frames, 1.0]])
     means = sums[:2] / n
     scatter = (np.array([[sums[2], sums[3]], [sums[3], sums[4]]]) / n - np.outer(means, means)) / (n - 1)
@@ -520,7 +519,7 @@ def _variances(
 
 
 def _error_of_shared_noise(shared: SharedNoise, shape: tuple[int, int]) -> float:
-    """Return the error of a variance by noise that rows and columns share, of which there are few [DN^2]."""
+    """Return the error of a variance due to noise of whole rows and columns [DN^2]."""
     rows, columns = (
         variance if variance > _SHARED_SIGMA * error else 0.0
         for variance, error in (
@@ -564,8 +563,8 @@ def _ordinary_pattern(
 
 
 def _defects(deviations: SingleArray, *, least_std_dn: float) -> Mask | None:
-    """Return which pixels are far from all others; None if there are none, or too many to be single defects."""
-    # An odd step, so that the pixels are not all of the same columns.
+    """Return the outlying pixels; None if there are none, or too many for single defects."""
+    # An odd step covers different columns.
     some = deviations.ravel()[:: (deviations.size // _MEDIAN_PIXELS) | 1]
     middle_dn = float(np.median(some))
     limit_dn = _OUTLIER_SIGMA * max(_SIGMA_OF_MEDIAN * float(np.median(np.abs(some - middle_dn))), least_std_dn)
@@ -577,9 +576,9 @@ def _defects(deviations: SingleArray, *, least_std_dn: float) -> Mask | None:
 
 
 def _pattern_parts(picture_dn: SingleArray, *, spatial_dn2: float, noise_dn2: float) -> tuple[float, float, float]:
-    """Return the parts of the spatial variance that rows, columns and pixels have; each may be below 0 by its error.
+    """Return the spatial variance of rows, columns and pixels; each may be below 0 by its error.
 
-    In a picture of one row, one column or 2 x 2 pixels the parts cannot be told apart; all counts as pixels'.
+    In a picture of one row, one column or 2 x 2 pixels the parts cannot be separated, and all counts as pixels'.
 
     EMVA Standard 1288, Release 4.0 Linear, section 8.2: the means of rows and of columns include a share of the
     pixels' pattern, which three linear equations separate.
@@ -615,7 +614,7 @@ def _small_scale_variance(picture_dn: SingleArray, *, spatial_dn2: float, noise_
 
 
 def _block_side(shape: tuple[int, ...]) -> int:
-    """Return the side of a block, 0 where there are not two of them."""
+    """Return the side of a block, 0 if there would be fewer than two."""
     side = max(2, min(shape) // _BLOCKS_ACROSS)
     return side if (shape[0] // side) * (shape[1] // side) > 1 else 0
 

@@ -2,9 +2,9 @@
 
 The way from levels to parameters has four steps:
 
-1. Frames that make every number wrong are refused, and dark levels that do not belong to the others are left out.
-2. Curves are fitted in DN: mean and variance of the darks against exposure, the photon-transfer curve of the flats.
-3. Seven numbers in DN are read off these curves and the fixed pattern, with their joint covariance from the sampling
+1. Frames that make every number wrong are refused, and inconsistent dark levels are left out. 2. Curves are fitted in
+DN: mean and variance of the darks against exposure, the photon-transfer curve of the flats. 3. Seven numbers in DN are
+read off these curves and the fixed pattern, with their joint covariance from the sampling
    errors of the levels (`_measure`).
 4. Gain, read noise, dark current, black level, PRNU and DSNU follow from them, and the covariance to first order
    (`_parameters`).
@@ -64,38 +64,40 @@ _DARK_CURRENT = "dark_current_e_per_s"
 _STANDARD_DARK_CURRENTS = ("dark_current_mean_e_per_s", "dark_current_variance_e_per_s")
 # Rows of the seven numbers in DN; the last is independent of the others.
 _GAIN, _DARK_VARIANCE, _FLAT_SPATIAL, _DARK_SPATIAL, _BLACK_LEVEL, _DARK_SLOPE, _RESPONSE_SLOPE = range(7)
-# A number is resolved if it is this many errors from 0; light is seen in darks at the second significance.
+# Significance of a resolved number, and of light in darks.
 _RESOLVED_SIGMA, _LIGHT_SIGMA = 3.0, 5.0
-# A dark current that matters in few uses [e-/s].
+# Dark current that rarely matters [e-/s].
 _SMALL_E_PER_S = 3.0
-# A dark current beyond this may be light; below, light and the dark current of pixels with unlike gains are as likely.
+# A larger dark current may be light; below, light and dark current of pixels with unequal gains are equally likely.
 _USUAL_DARK_E_PER_S = 1000.0
-# Local mean that is subtracted from pictures [pixel], and the variance of white noise that is left.
+# Side of the local mean subtracted from pictures [pixel], and the remaining variance of white noise.
 _WINDOW = 15
 _LOCAL_SHARE = 1.0 - 1.0 / _WINDOW**2
-# Pixels further off than the first are left out; fewer pixels say nothing; light in darks over that of the flat.
+# Deviation beyond which pixels are left out; least number of pixels; light in darks over that of the flat.
 _OUTLIER, _LEAST_PIXELS, _LEAST_LIGHT = 5.0, 1000, 1e-4
 _BLOCK_PIXELS = 1 << 18
-# Flags that say nothing once there is no dark current.
+# Flags that are meaningless without a dark current.
 _OF_DARK_CURRENT = ("dark_current_not_resolved", "unusual_dark_current")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Performance:
-    """Figures of merit; None where the frames cannot give one."""
+    """Figures of merit; None where the frames do not determine one."""
 
     threshold_e: Estimate | None = None  #: absolute sensitivity threshold: electrons at which the temporal SNR is 1
     dynamic_range: Estimate | None = None  #: saturation over that threshold
     snr_max: Estimate | None = None  #: temporal SNR of a pixel at saturation, square root of its electrons
-    dark_current_variance_e_per_s: Estimate | None = None  #: dark current by the growth of the dark variance [e-/s]
-    dark_current_disagreement: float | None = None  #: dark current by mean less that by variance, in standard errors
-    #: electrons per stated photon; the error of the photons is not in its error
+    dark_current_variance_e_per_s: Estimate | None = None  #: dark current from the growth of the dark variance [e-/s]
+    dark_current_disagreement: float | None = (
+        None  #: dark current from the mean less that from the variance, in standard errors
+    )
+    #: electrons per stated photon; its error does not include that of the photons
     quantum_efficiency: Estimate | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoiseCalibration:
-    """A sensor's noise parameters; None where the frames cannot give one, and a flag then says why."""
+    """A sensor's noise parameters; None where the frames do not determine one, with a flag that explains it."""
 
     gain_dn_per_e: Estimate  #: conversion gain K of EMVA 1288 [DN/e-]
     read_noise_e: Estimate | None = None  #: temporal noise of a dark pixel at no exposure, rounding removed [e-]
@@ -104,19 +106,19 @@ class NoiseCalibration:
     saturation_e: Estimate | None = None  #: signal of largest temporal variance [e-]
     prnu: Estimate | None = None  #: relative standard deviation of the pixels' response, without smooth structure
     dsnu_e: Estimate | None = None  #: standard deviation of the dark signal from pixel to pixel [e-]
-    covariance: JointCovariance  #: of the errors of all that exist but the saturation
-    flags: tuple[Flag, ...]  #: none of them refuses: a refused set has no calibration
-    bounds: dict[str, Bound]  #: upper or lower bounds of numbers that are None, where the frames give one
+    covariance: JointCovariance  #: of the errors of all existing numbers except the saturation
+    flags: tuple[Flag, ...]  #: none refuses, since a refused set has no calibration
+    bounds: dict[str, Bound]  #: bounds of numbers that are None, where the frames give one
     performance: Performance
     transfer: PhotonTransfer
     dark: DarkSignal  #: lines through the dark levels
     flats: tuple[LevelStatistics, ...]  #: by ascending mean
-    darks: tuple[LevelStatistics, ...]  #: the sound ones, as given; none where the black level was stated
-    #: flat and dark from which the fixed pattern is taken, as places in `flats` and `darks`; None without darks
+    darks: tuple[LevelStatistics, ...]  #: the consistent ones; none if the black level was stated
+    #: indices in `flats` and `darks` of the levels of the fixed pattern; None without darks
     spatial: tuple[int, int] | None = None
-    emva1288: dict[str, EmvaFigure | None]  #: by the names of `calibration.sensor.emva1288.EMVA_SYMBOLS`
+    emva1288: dict[str, EmvaFigure | None]  #: under the names of `calibration.sensor.emva1288.EMVA_SYMBOLS`
     influence: tuple[LevelInfluence, ...]  #: each flat compared with all others, in the order of `flats`
-    light_stability: LightStability  #: wander of the light from frame to frame
+    light_stability: LightStability  #: stability of the light from frame to frame
 
     @property
     def stacks(self) -> tuple[LevelStatistics, LevelStatistics] | None:
@@ -148,19 +150,19 @@ def calibrate_noise(
     Raises
     ------
     RefusedFramesError
-        The frames show something that makes any number from them wrong, there are no dark or no flat levels, they
-        differ in size, or no flat can be used; what was found is in its flags.
+        The frames have a fault that makes every number wrong, there are no dark or no flat levels, they differ in size,
+        or no flat can be used; see its flags.
     CalibrationError
         The bit depth is not 1 to 16, or there are dark levels and a black level.
 
     Notes
     -----
-    Standard errors hold sampling and, where points scatter by more than that, their scatter. To first order:
-    good to a few per cent of themselves when the relative errors are below 10 %.
+    Standard errors include sampling and any extra scatter of the points. They are to first order: accurate to a few per
+    cent for relative errors below 10 %.
 
-    PRNU and DSNU are those of a population from which this sensor's pixels are drawn, taken from the levels
-    with the most frames, of those the flat nearest to half of saturation. Smooth structure across the picture is
-    subtracted from the PRNU: uneven light and shading of a lens cannot be distinguished from a sensor's own.
+    PRNU and DSNU are those of a population from which this sensor's pixels are drawn, from the levels with the most
+    frames and the flat among them nearest to half of saturation. Smooth structure across the picture is subtracted from
+    the PRNU: uneven light and shading of a lens cannot be distinguished from a sensor's own.
 
     References
     ----------
@@ -207,7 +209,7 @@ def calibrate_noise(
     merit = _performance(transfer, dark, best, saturation_e)
     standard = emva1288_figures(flats, darks, ceiling_dn=ceiling_dn)
     if absurd is not None:
-        # Without a unit of the exposures there is no dark current.
+        # The dark current needs the unit of the exposures.
         merit = replace(merit, dark_current_variance_e_per_s=None, dark_current_disagreement=None)
         standard |= dict.fromkeys(_STANDARD_DARK_CURRENTS)
     flags += (*of_parameters, *left_out_flags(darks[spatial[1]], flats[spatial[0]]))
@@ -239,7 +241,7 @@ def calibrate_noise(
 
 
 def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) -> NoiseCalibration:
-    """Return a calibration with the findings of its fixed pattern, without a dark current if light may be in the darks.
+    """Return a calibration with the findings of its fixed pattern, without a dark current if darks may contain light.
 
     Parameters
     ----------
@@ -250,13 +252,13 @@ def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) ->
 
     Notes
     -----
-    A dark current within what cameras usually have is taken for one unless the pattern shows light in it; one that is
-    larger is taken for one where light would have shown, and is otherwise a bound.
+    A usual dark current is accepted unless the pattern shows light. A larger one is accepted if light would have shown,
+    and is otherwise a bound.
     """
     if calibration.stacks is None:
         return calibration
     found = () if pattern is None else pattern_flags(pattern)
-    # Defects pixel by pixel say more than their variance.
+    # Single defects are more informative than their variance.
     names = {flag.name for flag in found}
     kept = tuple(flag for flag in calibration.flags if flag.name not in names)
     calibration = replace(calibration, flags=by_consequence((*kept, *found)))
@@ -274,14 +276,14 @@ def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) ->
         return calibration
     message = (
         f"dark frames gain {number_with_error(current.value, current.std_error)} e-/s, more than cameras usually do "
-        f"({_USUAL_DARK_E_PER_S:.0f} e-/s), and the fixed pattern is too little known to tell dark current from light: "
-        f"cover the lens, and take stacks of 16 flats and 16 darks or more at one exposure"
+        f"({_USUAL_DARK_E_PER_S:.0f} e-/s), and the fixed pattern is too uncertain to separate dark current from "
+        "light: cover the lens, and take stacks of at least 16 flats and 16 darks at one exposure"
     )
     return _without_dark_current(calibration, Flag(name="dark_current_or_light", message=message), bound=current)
 
 
 def not_known(calibration: NoiseCalibration) -> dict[str, str]:
-    """Return why each number that is not known is not, by the number's name."""
+    """Return the reason for each missing number, by name."""
     best, merit = calibration, calibration.performance
     if not best.darks:
         return _not_known_without_darks(best)
@@ -294,9 +296,7 @@ def not_known(calibration: NoiseCalibration) -> dict[str, str]:
     if best.prnu is None:
         found["prnu"] = f"temporal noise hides it: {_STACKS}"
     if best.dsnu_e is None:
-        found["dsnu_e"] = (
-            f"temporal noise, or rounding, hides it: {_STACKS}; if that does not help, at longer exposures"
-        )
+        found["dsnu_e"] = f"temporal noise or rounding hides it: {_STACKS}, or use longer exposures"
     if best.saturation_e is None:
         found["saturation_e"] = f"the sweep ends below it: {_brighter(best)}"
     if merit.quantum_efficiency is None:
@@ -325,7 +325,7 @@ def _not_known_without_darks(best: NoiseCalibration) -> dict[str, str]:
 def first_lines(calibration: NoiseCalibration) -> tuple[str, str, str]:
     """Return three lines to read first.
 
-    The first is how far the gain can be trusted: to its standard error, or to the largest departure that a flag names.
+    The first states the accuracy of the gain: its standard error, or the largest departure in a flag.
     """
     gain = calibration.gain_dn_per_e
     share = gain.std_error / gain.value
@@ -334,7 +334,7 @@ def first_lines(calibration: NoiseCalibration) -> tuple[str, str, str]:
     doubts = gain_doubts(levels, calibration.transfer, black_level_dn=calibration.black_level_dn)
     off, words = max((doubts[name] for name in flagged & doubts.keys()), default=(0.0, ""))
     trust = f"Trust the gain to {max(share, off):.{1 if max(share, off) >= 1e-3 else 2}%}"
-    # The headline is never better than the flags.
+    # The first line must not be better than the flags.
     trust += f": {words}" if off > share else ""
     named = [flag.level for flag in calibration.flags if flag.level is not None and flag.name != "unclear_level"]
     if named:
@@ -344,7 +344,7 @@ def first_lines(calibration: NoiseCalibration) -> tuple[str, str, str]:
 
 
 def temporal_noise_e(signal_e: FloatArray, *, read_noise_e: float, gain_dn_per_e: float) -> FloatArray:
-    """Return the noise in time of a pixel, rounding included [e-]: electrons of the signal, read noise, 1/12 DN^2.
+    """Return the temporal noise of a pixel, rounding included [e-]: electrons of the signal, read noise, 1/12 DN^2.
 
     EMVA Standard 1288, Release 4.0 Linear, section 2.
     """
@@ -353,7 +353,7 @@ def temporal_noise_e(signal_e: FloatArray, *, read_noise_e: float, gain_dn_per_e
 
 
 def total_noise_e(temporal_e: FloatArray, signal_e: FloatArray, *, prnu: float, dsnu_e: float) -> FloatArray:
-    """Return the noise in time and from pixel to pixel together [e-]; signal in electrons.
+    """Return the temporal and spatial noise together [e-]; signal in electrons.
 
     EMVA Standard 1288, Release 4.0 Linear, section 4.
     """
@@ -379,8 +379,8 @@ def _sorted_levels(
     if not flats or (not darks and black_level_dn is None):
         raise refused(
             "missing_levels",
-            f"there are {len(flats)} flat and {len(darks)} dark levels of two frames or more. At least one of each is "
-            f"needed, or flats and a stated black level. Take two flats and two darks at each of ten exposures",
+            f"there are {len(flats)} flat and {len(darks)} dark levels of at least two frames. One of each is needed, "
+            "or flats and a stated black level. Take two flats and two darks at each of ten exposures",
         )
     shapes = {level.shape for level in levels}
     if len(shapes) > 1:
@@ -397,11 +397,11 @@ def _refuse_if_any(flags: tuple[Flag, ...]) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Measured:
-    """Seven numbers in DN; 0 with no covariance for those that do not exist."""
+    """Seven numbers in DN; missing ones are 0 without covariance."""
 
     values: FloatArray
     covariance: FloatArray
-    signal_dn: float  #: of the flat from which the fixed pattern is taken
+    signal_dn: float  #: of the flat of the fixed pattern
     n_gain: int  #: frames behind the gain
     n_dark: int
     n_flat_pattern: int
@@ -415,7 +415,7 @@ def _choose_spatial_levels(
     transfer: PhotonTransfer,
     weights: FloatArray,
 ) -> tuple[int, int]:
-    """Return the flat and the dark with the most frames; of those the flat nearest to the middle, and its own dark."""
+    """Return the flat and the dark with the most frames: the flat nearest to the middle, and its own dark."""
     signal = transfer.points.signal_dn
     middle_dn = float(signal[transfer.used].max()) / (2.0 * RANGE_OF_SATURATION)
     flat = max(
@@ -434,10 +434,10 @@ def _measure(
     weights: FloatArray,
     spatial: tuple[int, int],
 ) -> _Measured:
-    """Read the numbers in DN off the curves and the levels of the fixed pattern."""
+    """Return the numbers in DN from the curves and the levels of the fixed pattern."""
     flat, stack, of_flat = flats[spatial[0]], darks[spatial[1]], weights[spatial[0]]
     signal_dn = float(transfer.points.signal_dn[spatial[0]])
-    # A smooth pattern across the picture is that of light and lens, not of the sensor.
+    # Smooth patterns come from light and lens, not from the sensor.
     dark_small = np.array([level.ordinary.small_scale_variance_dn2 for level in darks])
     hidden_dn2 = _hidden_defects_dn2(flat, darks, of_flat)
     slope, slope_error = response_slope(transfer, signal_dn)
@@ -467,15 +467,15 @@ def _measure(
 
 
 def _hidden_defects_dn2(flat: LevelStatistics, darks: Sequence[LevelStatistics], weights: FloatArray) -> float:
-    """Return the variance that pixels which are defect in the dark have at most among the others in the light [DN^2].
+    """Return the variance that pixels defective in the dark may add to the others in the light [DN^2].
 
-    A hot pixel that stands out in the dark may lie within what pixels differ by with light; half of it is subtracted,
-    and half is the error.
+    A hot pixel that stands out in the dark may not stand out in the light; half of its effect is subtracted, and half
+    is the error.
     """
     all_dn2 = column(darks, "small_scale_variance_dn2")
     ordinary_dn2 = np.array([level.ordinary.small_scale_variance_dn2 for level in darks])
     left_out = np.array([float(level.ordinary.left_out) for level in darks])
-    # The largest stand out in the light too, and are left out there.
+    # The largest also stand out in the light and are left out there.
     hidden = np.maximum(left_out - flat.ordinary.left_out, 0.0) / np.maximum(left_out, 1.0)
     return float(weights @ (hidden * np.maximum(all_dn2 - ordinary_dn2, 0.0)))
 
@@ -493,16 +493,15 @@ def _measured_covariance(
     weights: FloatArray,
     spatial: tuple[int, int],
 ) -> FloatArray:
-    """Return the (6, 6) covariance of the numbers in DN but the last; zeros for those that do not exist.
+    """Return the (6, 6) covariance of the numbers in DN except the last; zeros for missing ones.
 
-    To first order in the errors. Each is linear in temporal and spatial variances and means of the levels. A
-    level's mean is taken as independent of its variances, which is right for noise without skewness, and the
-    error of a flat's mean is neglected: against that of its variance it is the square root of the gain over
-    the signal. The black level is that of the population from which this sensor's pixels are drawn, so it includes
-    the sampling of the fixed pattern.
+    To first order in the errors. Each number is linear in variances and means of the levels. A level's mean is taken as
+    independent of its variances, which holds for noise without skewness. The error of a flat's mean is neglected; it is
+    smaller than that of its variance by the square root of gain over signal. The black level is that of the population
+    of pixels, so its error includes the sampling of the fixed pattern.
     """
     n_flat, n_dark = weights.shape
-    # Derivatives by flat and dark temporal variances, then flat and dark spatial variances.
+    # Derivatives with respect to flat and dark temporal variances, then flat and dark spatial variances.
     response = np.zeros((4, 2 * (n_flat + n_dark)))
     temporal, pattern = response[:, : n_flat + n_dark], response[:, n_flat + n_dark :]
     temporal[_GAIN, :n_flat][transfer.used] = transfer.gain_response
@@ -522,7 +521,7 @@ def _measured_covariance(
     if dark.quantisation_limited:
         covariance[_DARK_SPATIAL, _DARK_SPATIAL] += QUANTISATION_VAR_DN2**2
     if dark.is_curved and dark.variance_fit is not None:
-        # The variance at no exposure is that at the mean of no exposure.
+        # The variance at zero exposure belongs to the mean at zero exposure.
         by_mean = dark.variance_fit.parameters[1] ** 2 * dark.mean_fit.covariance[0, 0]
         covariance[_DARK_VARIANCE, _DARK_VARIANCE] += by_mean
     stack = darks[spatial[1]]
@@ -542,7 +541,7 @@ def _statistics_covariance(
     temporal = np.zeros((n, n))
     temporal[:n_flat, :n_flat] = np.diag(np.square(transfer.points.flat_std_error_dn2))
     temporal[n_flat:, n_flat:] = dark.variance_covariance_dn4
-    # Noise that hardly dithers leaves an error of rounding in spatial variances.
+    # Small noise leaves a rounding error in spatial variances.
     noise, pattern = column(levels, "temporal_variance_dn2"), pattern_variances(levels)
     rounding_dn4 = np.square(spatial_rounding_error_dn2(least_noise_dn2(noise, pattern), pattern))
     spatial = np.diag(np.square([level.ordinary.std_error_dn2 for level in levels]) + rounding_dn4)
@@ -579,13 +578,13 @@ def _gain_of_flats(
 def _parameters(
     measured: _Measured, dark: DarkSignal, darks: Sequence[LevelStatistics], *, has_dark_current: bool = True
 ) -> tuple[dict[str, Estimate], JointCovariance, tuple[Flag, ...]]:
-    """Return the parameters that are resolved, the covariance of their errors, and flags for the others."""
+    """Return the resolved parameters, the covariance of their errors, and flags for the others."""
     has_read_noise, has_dark_current = dark.variance_fit is not None, has_dark_current and dark.has_slope
     no_read_noise = _unresolved_read_noise(measured) if has_read_noise else None
     no_prnu = _unresolved_pattern(measured, _FLAT_SPATIAL, "prnu")
     no_dsnu = _unresolved_pattern(measured, _DARK_SPATIAL, "dsnu")
     gain, dark_variance, flat_spatial, dark_spatial, black_level, dark_slope, response = measured.values.tolist()
-    # Name: value, its derivatives by what was measured, frames.
+    # Name: value, derivatives with respect to the measured numbers, frames.
     found: dict[str, tuple[float, dict[int, float], int]] = {"gain_dn_per_e": (gain, {_GAIN: 1.0}, measured.n_gain)}
     if has_read_noise and no_read_noise is None:
         variance = dark_variance - QUANTISATION_VAR_DN2
@@ -619,7 +618,7 @@ def _parameters(
 
 
 def _bounds(measured: _Measured, best: Collection[str], *, has_read_noise: bool) -> dict[str, Bound]:
-    """Return upper bounds of read noise and fixed pattern where these are not among the best."""
+    """Return upper bounds of read noise and fixed pattern where these are not resolved."""
     gain, errors = float(measured.values[_GAIN]), np.sqrt(np.diag(measured.covariance))
     largest_dn2 = np.maximum(measured.values, 0.0) + _RESOLVED_SIGMA * errors
     dark_dn2 = max(QUANTISATION_LIMIT_DN2, largest_dn2[_DARK_VARIANCE] if has_read_noise else 0.0)
@@ -632,7 +631,7 @@ def _bounds(measured: _Measured, best: Collection[str], *, has_read_noise: bool)
 
 
 def _unresolved_pattern(measured: _Measured, row: int, name: str) -> Flag | None:
-    """Return a flag if a fixed pattern is lost in noise."""
+    """Return a flag if noise hides a fixed pattern."""
     variance, error = float(measured.values[row]), float(np.sqrt(measured.covariance[row, row]))
     if variance > _RESOLVED_SIGMA * error:
         return None
@@ -640,10 +639,9 @@ def _unresolved_pattern(measured: _Measured, row: int, name: str) -> Flag | None
     size = f"{bound_dn / measured.signal_dn:.2%}" if name == "prnu" else f"{bound_dn / measured.values[_GAIN]:.3g} e-"
     return Flag(
         name=f"{name}_not_resolved",
-        message=f"the variance from pixel to pixel is "
-        f"{number_with_error(variance, error)} DN^2 once temporal noise is taken "
-        f"off, not more than {_RESOLVED_SIGMA:.0f} standard errors above 0: the {name.upper()} is below {size}; take "
-        f"a stack of 16 frames or more at one level to measure it",
+        message=f"without temporal noise the variance from pixel to pixel is {number_with_error(variance, error)} "
+        f"DN^2, less than {_RESOLVED_SIGMA:.0f} standard errors above 0: the {name.upper()} is below {size}; take a "
+        "stack of at least 16 frames at one level to measure it",
     )
 
 
@@ -656,10 +654,8 @@ def _unresolved_read_noise(measured: _Measured) -> Flag | None:
     bound_e = np.sqrt(max(variance, QUANTISATION_LIMIT_DN2) + _RESOLVED_SIGMA * error) / measured.values[_GAIN]
     return Flag(
         name="read_noise_not_resolved",
-        message=f"the dark variance at no exposure is "
-        f"{number_with_error(variance, error)} DN^2, which is not more than its "
-        f"error and rounding explain: the read noise is below {bound_e:.3g} e-; take dark frames at exposures so "
-        f"short that dark current adds little",
+        message=f"the dark variance at zero exposure is {number_with_error(variance, error)} DN^2, which rounding and "
+        f"its error explain: the read noise is below {bound_e:.3g} e-; take dark frames at shorter exposures",
     )
 
 
@@ -675,14 +671,13 @@ def _unresolved_dark_current(measured: _Measured, darks: Sequence[LevelStatistic
     advice = _longer(bound_e_per_s, _longest_s(darks))
     return Flag(
         name="dark_current_not_resolved",
-        message=f"the dark mean grows by "
-        f"{number_with_error(slope, error)} DN/s, not more than {_RESOLVED_SIGMA:.0f} standard "
-        f"errors from 0: the dark current is below {bound_e_per_s:.3g} e-/s; {advice}",
+        message=f"the dark mean grows by {number_with_error(slope, error)} DN/s, less than {_RESOLVED_SIGMA:.0f} "
+        f"standard errors from 0: the dark current is below {bound_e_per_s:.3g} e-/s; {advice}",
     )
 
 
 def _longer(bound_e_per_s: float, longest_s: float) -> str:
-    """Return the advice on dark exposures that would show a usual dark current."""
+    """Return advice on dark exposures that would show a usual dark current."""
     if not longest_s:
         return "longer dark exposures measure it"
     wanted_s = float(np.clip(longest_s * bound_e_per_s / _SMALL_E_PER_S, 2.0 * longest_s, max(60.0, 2.0 * longest_s)))
@@ -690,12 +685,12 @@ def _longer(bound_e_per_s: float, longest_s: float) -> str:
 
 
 def _longest_s(darks: Sequence[LevelStatistics]) -> float:
-    """Return the longest exposure that is known, 0 if none is."""
+    """Return the longest known exposure, 0 without any."""
     return max((dark.exposure_s for dark in darks if dark.exposure_s is not None), default=0.0)
 
 
 def _saturation_bound(transfer: PhotonTransfer) -> dict[str, Bound]:
-    """Return the brightest signal without saturation, where saturation was not reached."""
+    """Return the brightest signal as a bound if saturation was not reached."""
     if transfer.saturation is not None:
         return {}
     below = transfer.points.signal_dn[~transfer.points.saturated]
@@ -723,8 +718,8 @@ def _performance(
 ) -> Performance:
     """Return the figures of merit of a sensor.
 
-    Rounding counts as noise here. The gain cancels in the dynamic range but for half an electron, so its error is that
-    of the saturation and of the dark noise in counts.
+    Rounding counts as noise. The gain nearly cancels in the dynamic range, so its error is that of the saturation and
+    of the dark noise in counts.
 
     EMVA Standard 1288, Release 4.0 Linear; the threshold here without its approximation.
     """
@@ -744,7 +739,7 @@ def _performance(
 def _threshold(gain: Estimate, read_noise_e: Estimate) -> Estimate:
     variance_e2 = read_noise_e.value**2 + QUANTISATION_VAR_DN2 / gain.value**2
     root = float(np.sqrt(0.25 + variance_e2))
-    # The read noise's error holds the gain's already.
+    # The error of the read noise already includes that of the gain.
     error = read_noise_e.value * read_noise_e.std_error / root
     return Estimate(value=0.5 + root, std_error=error, n=read_noise_e.n)
 
@@ -794,7 +789,7 @@ def _quantum_efficiency(transfer: PhotonTransfer, gain: Estimate) -> Estimate | 
     return Estimate(value=value, std_error=float(value * relative), n=gain.n)
 
 
-# Words for numbers that are not known, and the first lines of a report
+# Reasons for missing numbers, and the first lines of a report
 
 
 _STACKS = "take a stack of 16 frames or more at half of saturation, and as many dark frames"
@@ -840,7 +835,7 @@ def _brighter(best: NoiseCalibration) -> str:
 def _no_efficiency(best: NoiseCalibration) -> str:
     if any(flat.photons is None for flat in best.flats):
         return "photons per pixel are not stated: measure the irradiance with a calibrated photodiode"
-    return "fewer than 7 levels have a light that is known: take more levels of stated photons"
+    return "fewer than 7 levels have known light: take more levels with stated photons"
 
 
 def _standard(best: NoiseCalibration, found: dict[str, str]) -> dict[str, str]:
@@ -850,7 +845,7 @@ def _standard(best: NoiseCalibration, found: dict[str, str]) -> dict[str, str]:
     for name in missing:
         if name.startswith("linearity"):
             reasons[name] = (
-                f"it is over 5 to 95 % of saturation, which was not reached: {_brighter(best)}"
+                f"it covers 5 to 95 % of saturation, which was not reached: {_brighter(best)}"
                 if best.saturation_e is None
                 else "fewer than three levels of known light lie within 5 to 95 % of saturation: take more"
             )
@@ -932,23 +927,23 @@ def _next(calibration: NoiseCalibration) -> str:
     return "no frames have to be taken again"
 
 
-# Light in dark frames, by the fixed pattern
+# Light in dark frames, from the fixed pattern
 
 
 def _light_in_darks(pattern: FixedPattern, *, black_level_dn: float) -> tuple[Estimate, Estimate, bool, bool] | None:
     """Return the light in a dark stack [DN], the covariance of dark signal and response, and two verdicts.
 
-    The verdicts are whether light is seen, and whether it is excluded. None where the response has no pattern.
+    The verdicts state if light is found, and if it is excluded. None if the response has no pattern.
 
-    Dark current has its own pattern from pixel to pixel, light has that of the response (PRNU), and so has dark current
-    where each pixel has a gain of its own. With r the relative response, d the dark mean less its local mean,
-    cov(d, r) = light var(r) - noise / signal, where the noise of the dark mean enters r by the subtracted dark.
+    Dark current has its own pattern, light that of the response (PRNU), and so has dark current if pixels differ in
+    gain. With r the relative response, d the dark mean less its local mean, cov(d, r) = light var(r) - noise / signal,
+    where the noise of the dark mean enters r by the subtracted dark.
 
-    The noise of the pixels shows which share of the response is gain: the variance of photons goes with the gain's
-    square, and with the light. If that share of the dark signal explains all, there is no sign of light.
+    The noise of the pixels shows which share of the response is gain, since photon variance is proportional to the
+    square of the gain and to the light. If this share of the dark signal explains all, there is no sign of light.
     """
     if float(np.median(pattern.dark.temporal_variance_dn2)) < QUANTISATION_LIMIT_DN2:
-        # The offsets of pixels that rounding hides stay in the flat, and look like response.
+        # Pixel offsets hidden by rounding stay in the flat and look like response.
         return None
     relative = pattern.flat.mean_dn - pattern.dark.mean_dn
     relative /= np.float32(pattern.signal_dn)
@@ -984,9 +979,9 @@ def _light_in_darks(pattern: FixedPattern, *, black_level_dn: float) -> tuple[Es
 
 
 def _gain_share(pattern: FixedPattern, response: SingleArray, kept: Mask, *, of_response: float) -> tuple[float, float]:
-    """Return the share of the pixels' differences in response that is their gain, and its error.
+    """Return the share of the differences in response due to gain, and its error.
 
-    The variance of photons grows with the response by 1 where pixels catch more light, by 2 where their gain is higher.
+    Photon variance grows with the first power of the light that a pixel collects, and with the square of its gain.
     """
     variance = (pattern.flat.temporal_variance_dn2 - pattern.dark.temporal_variance_dn2)[kept]
     (mean, _), (of_variance, variance_of_response), together = _pair_moments(variance, response)
@@ -1021,10 +1016,9 @@ def _robust_std(picture: SingleArray) -> float:
 
 
 def _with_own_response(calibration: NoiseCalibration, covariance: Estimate) -> NoiseCalibration:
-    """Return a calibration whose PRNU is of the light alone, where dark signal and response go together.
+    """Return a calibration with the PRNU of light alone, if dark signal and response are correlated.
 
-    The variance of a flat less that of its dark includes twice their covariance: with a gain of each pixel's own, dark
-    current differs from pixel to pixel as the light does.
+    The variance of a flat less that of its dark includes twice their covariance, which pixels of unequal gain cause.
     """
     prnu, stacks = calibration.prnu, calibration.stacks
     if prnu is None or stacks is None or abs(covariance.value) < _RESOLVED_SIGMA * covariance.std_error:
@@ -1051,12 +1045,11 @@ def _with_own_response(calibration: NoiseCalibration, covariance: Estimate) -> N
 
 
 def _with_light(calibration: NoiseCalibration, light: Estimate) -> NoiseCalibration:
-    """Return a calibration whose dark current is uncertain by light, or a bound where that is more than usual."""
+    """Return a calibration whose dark current may include light: uncertain, or a bound if it is unusually large."""
     message = (
-        f"dark frames show the pattern that pixels have in the light, as "
-        f"{number_with_error(light.value, light.std_error)} DN of light would (more than {_LIGHT_SIGMA:.0f} standard "
-        f"errors): light got in, or each pixel has a gain of its own; the dark current cannot be separated from it: "
-        f"cover the lens, and take the dark frames again"
+        f"dark frames show the pattern of the response to light, of {number_with_error(light.value, light.std_error)} "
+        f"DN (more than {_LIGHT_SIGMA:.0f} standard errors): light got in, or pixels differ in gain; the dark current "
+        "cannot be separated from it: cover the lens, and take the dark frames again"
     )
     flag, current, stacks = (
         Flag(name="light_in_darks", message=message),

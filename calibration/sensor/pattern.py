@@ -13,17 +13,17 @@ from calibration.results import Flag
 from calibration.sensor.curves import QUANTISATION_LIMIT_DN2
 from calibration.sensor.levels import LevelPicture, LevelStatistics
 
-# Pixels that are not like the others: in the dark, in the light, or in their noise
+# Outlying pixels: in the dark, in the light, or in their noise
 
 FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
 
-# Normal deviations are larger than this once in 5e8.
+# A normal deviation is larger once in 5e8.
 _DEFECT_SIGMA = 6.0
 _CHANCE = 2e-9
 _NEIGHBOURHOOD = 5
 _SIGMA_PER_MAD = 1.4826
-# What is smaller is rounding [DN].
+# Smaller deviations are rounding [DN].
 _LEAST_DN = 1.0
 _MANY_PIXELS, _STEP = 100_000, 7
 
@@ -52,14 +52,13 @@ class DefectMap:
 
 
 def _defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) -> DefectMap:
-    """Return the pixels that are further from the others than 6 standard deviations.
+    """Return the pixels more than 6 standard deviations from the others.
 
-    Hot and cold: by the dark mean; bright and weak: by the mean with light, dark taken off; each against the median of
-    the 5 x 5 pixels around, so that uneven light does not count, and by a standard deviation from the median absolute
-    deviation, which defects do not widen. Noisy: temporal variance in the dark, against the law of chi-squared with the
-    degrees of freedom of consecutive differences. Jumping: a difference of two frames beyond 6 standard deviations,
-    which may be a cosmic hit. Less than one count is no defect. The more frames a stack has, the smaller the defects
-    that are found.
+    Hot and cold: by the dark mean; bright and weak: by the mean with light less dark. Both are compared with the median
+    of the 5 x 5 pixels around, which removes uneven light, in standard deviations from the median absolute deviation,
+    which defects do not widen. Noisy: temporal variance in the dark, compared with chi-squared for the degrees of
+    freedom of consecutive differences. Jumping: a difference of two frames beyond 6 standard deviations, perhaps a
+    cosmic hit. Less than one count is no defect. Longer stacks show smaller defects.
 
     Definition. EMVA Standard 1288, Release 4.0 Linear, leaves the limits to the application.
     """
@@ -69,7 +68,7 @@ def _defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) -
         mask[where] |= defect.value
         counts[str(defect.name).lower()] = int(np.count_nonzero(where))
 
-    # One picture at a time: of several megapixels each counts.
+    # One picture at a time, to save memory.
     deviation = _local_deviation(dark.mean_dn)
     dark_limit_dn = _limit(deviation, least=_LEAST_DN)
     mark(Defect.HOT, deviation > dark_limit_dn)
@@ -104,8 +103,8 @@ def _local_deviation(picture: SingleArray) -> SingleArray:
 
 
 def _some_pixels(picture: SingleArray) -> SingleArray:
-    """Return every so many-th pixel of a large picture: their median is as good, and there sooner."""
-    # A step that shares no factor with the usual widths, so that all columns are met.
+    """Return a regular sample of the pixels of a large picture, for a fast median."""
+    # A step without a common factor with the usual widths reaches all columns.
     step = _STEP if picture.size > _MANY_PIXELS else 1
     return picture.ravel()[::step]
 
@@ -116,12 +115,12 @@ def _limit(deviation: SingleArray, *, least: float) -> float:
 
 
 def _noise_limit(variance_dn2: SingleArray, n_frames: int) -> float:
-    """Return the variance that a pixel of median noise has once in 5e8."""
+    """Return the variance that a pixel of median noise exceeds once in 5e8."""
     differences = n_frames - 1
     # Consecutive differences share frames: two of n - 1 have a covariance of a quarter of their variance.
     freedom = 2.0 * differences**2 / (3.0 * n_frames - 4.0)
     per_freedom = float(np.median(_some_pixels(variance_dn2))) / float(chdtri(freedom, 0.5))
-    # Where rounding hides the noise, half of the pixels may never change, which does not make the others noisy.
+    # If rounding hides the noise, half of the pixels may never change; the others are not noisy.
     return max(per_freedom, QUANTISATION_LIMIT_DN2 / freedom) * float(chdtri(freedom, _CHANCE))
 
 
@@ -142,7 +141,7 @@ class PatternHistogram:
 
     @property
     def at_least(self) -> NDArray[np.int64]:
-        """Pixels that deviate as much as each of `reach` or more, to either side."""
+        """Pixels that deviate by at least each value of `reach`, to either side."""
         order = np.argsort(np.abs(self.centres))[::-1]
         found: NDArray[np.int64] = np.cumsum(self.counts[order])[::-1]
         return found
@@ -154,13 +153,13 @@ class PatternHistogram:
 
 
 def _pattern_histogram(picture: NDArray[np.float32], *, quantum: float) -> PatternHistogram:
-    """Return the histogram of how far each pixel is from the mean of the 5 x 5 pixels around it.
+    """Return the histogram of the deviations of pixels from the mean of the 5 x 5 pixels around them.
 
     EMVA Standard 1288, Release 4.0 Linear, histograms: high-pass of 5 x 5 pixels, 256 bins or fewer, logarithmic
     counts, and a normal law.
     """
     kernel = (_SIDE, _SIDE)
-    # The pixel itself is one of 25: without this its deviation would be 4 % too small.
+    # Corrects the deviation for the pixel itself, one of the 25.
     deviation: SingleArray = np.asarray(cv2.blur(picture, kernel), np.float32)
     np.subtract(picture, deviation, out=deviation)
     deviation *= np.float32(_SIDE**2 / (_SIDE**2 - 1.0))
@@ -184,14 +183,14 @@ def _pattern_histogram(picture: NDArray[np.float32], *, quantum: float) -> Patte
 
 # Spectrograms: the fixed pattern by spatial frequency, along rows and along columns
 
-# Rows that are transformed at a time.
+# Rows transformed at a time.
 _ROWS_AT_A_TIME = 64
 # Below this frequency a pattern is uneven light rather than periodic.
 _LOWEST_PERIODIC_PER_PIXEL = 0.02
-# Share of the variance that a periodic pattern has at least: this, and what chance gives one of few frequencies.
+# Least share of the variance in a periodic pattern: this, and the share that chance gives one of few frequencies.
 _LEAST_SHARE, _CHANCE_SHARE = 0.1, 10.0
 _PEAK_SIGMA = 8.0
-# The power of fewer lines scatters too much.
+# Least lines for a spectrum; fewer scatter too much.
 _LEAST_LINES = 16
 
 
@@ -201,7 +200,7 @@ class Spectrogram:
 
     frequency_per_pixel: FloatArray  #: (n,): above 0, up to 0.5 [1/pixel]
     amplitude: FloatArray  #: (n,): root of the mean power over all lines, in the unit of the picture
-    n_lines: int  #: rows or columns that it is the mean of
+    n_lines: int  #: rows or columns averaged
 
     @property
     def median(self) -> float:
@@ -211,8 +210,8 @@ class Spectrogram:
     def peak(self, *, variance: float) -> tuple[float, float] | None:
         """Return the frequency [1/pixel] with most of a fixed pattern's variance, and its share; None below a tenth.
 
-        Lines of one pattern (columns) have one power for each frequency, exponentially distributed: the largest of 300
-        has 6 times the mean, 2 % of the variance. With few frequencies the limit is higher by so much.
+        The power of random lines is exponentially distributed: the largest of 300 frequencies has 6 times the mean, 2 %
+        of the variance. With few frequencies the limit is higher accordingly.
         """
         periodic = self.frequency_per_pixel >= _LOWEST_PERIODIC_PER_PIXEL
         if not periodic.any() or variance <= 0.0 or self.n_lines < _LEAST_LINES:
@@ -257,7 +256,7 @@ class FixedPattern:
     n_dark_frames: int  #: frames of each
     n_flat_frames: int
     signal_dn: float  #: mean of the flat less that of the dark [DN]
-    #: spatial variance of the dark mean [DN^2], and of flat less dark, relative; noise in time taken off
+    #: spatial variance of the dark mean [DN^2], and of flat less dark, relative; without temporal noise
     dark_variance_dn2: float
     response_variance: float
     dark_rows: Spectrogram  #: of the dark mean: horizontal and vertical frequencies [DN]
@@ -267,7 +266,7 @@ class FixedPattern:
     #: of deviations from the neighbours, of the dark mean [DN] and of flat less dark, relative to the signal
     dark_histogram: PatternHistogram
     response_histogram: PatternHistogram
-    defects: DefectMap  #: pixels that are not like the others
+    defects: DefectMap  #: outlying pixels
 
 
 def fixed_pattern(dark: LevelStatistics, flat: LevelStatistics) -> FixedPattern | None:
@@ -296,7 +295,7 @@ def fixed_pattern(dark: LevelStatistics, flat: LevelStatistics) -> FixedPattern 
     )
 
 
-# Findings in the fixed pattern that speak against a calibration, each by its own name
+# Flags of the fixed pattern
 
 _DEFECT_SHARE = 1e-3
 _DEFECT_VARIANCE = 0.05
@@ -304,7 +303,7 @@ _LONG_STACK = 16
 
 
 def pattern_flags(pattern: FixedPattern) -> tuple[Flag, ...]:
-    """Return what is odd in the fixed pattern."""
+    """Return the flags of the fixed pattern."""
     found = (_periodic_pattern(pattern), _defect_pixels(pattern), _short_stack(pattern))
     return tuple(flag for flag in found if flag is not None)
 
@@ -324,13 +323,13 @@ def _periodic_pattern(pattern: FixedPattern) -> Flag | None:
     if not peaks:
         return None
     where = ", ".join(
-        f"{name} at {frequency:.4g} cycles a pixel ({share:.0%} of its variance)"
+        f"{name} at {frequency:.4g} cycles per pixel ({share:.0%} of its variance)"
         for name, (frequency, share) in peaks.items()
     )
     return Flag(
         name="periodic_pattern",
-        message=f"the fixed pattern has a period: {where}; DSNU or PRNU hold it, and say less of single pixels: "
-        f"look for interference by supply or cables, several readout channels, or fringes of a window",
+        message=f"the fixed pattern is periodic: {where}; DSNU or PRNU include this and describe single pixels less "
+        "well: look for interference from supply or cables, several readout channels, or fringes of a window",
     )
 
 
@@ -341,14 +340,14 @@ def _defect_pixels(pattern: FixedPattern) -> Flag | None:
     kinds = ", ".join(f"{count} {name}" for name, count in pattern.defects.counts.items() if count)
     return Flag(
         name="defect_pixels",
-        message=f"{share:.2%} of the pixels are not like the others ({kinds}; more than {_DEFECT_SHARE:.1%}): the best "
-        f"DSNU and PRNU leave out those that are 6 standard deviations off, those of EMVA 1288 hold all; leave them "
-        f"out of regions: the defect map says which",
+        message=f"{share:.2%} of the pixels are defective ({kinds}; more than {_DEFECT_SHARE:.1%}): the best DSNU and "
+        "PRNU leave out pixels 6 standard deviations off, those of EMVA 1288 include all: use the defect map to keep "
+        "them out of regions",
     )
 
 
 def left_out_flags(dark: LevelStatistics, flat: LevelStatistics) -> tuple[Flag, ...]:
-    """Return a flag if single pixels make a good part of the fixed pattern."""
+    """Return a flag if single pixels cause much of the fixed pattern."""
     shares = {
         name: 1.0 - level.ordinary.variance_dn2 / level.spatial_variance_dn2
         for name, level in (("dark", dark), ("flat", flat))
@@ -361,9 +360,9 @@ def left_out_flags(dark: LevelStatistics, flat: LevelStatistics) -> tuple[Flag, 
         f"{counts[name]} in the {name} stack ({share:.0%} of its variance)" for name, share in shares.items()
     )
     message = (
-        f"single pixels are more than 6 standard deviations from all others: {where}: hot, dead or "
-        f"otherwise defect; the best DSNU and PRNU leave them out, those of EMVA 1288 hold them; leave them out of "
-        f"regions: --defects writes which"
+        f"single pixels are more than 6 standard deviations from all others: {where}: hot, dead or otherwise "
+        "defective; the best DSNU and PRNU leave them out, those of EMVA 1288 include them: keep them out of regions "
+        "with the map of --defects"
     )
     return (Flag(name="defect_pixels", message=message),)
 
@@ -374,6 +373,6 @@ def _short_stack(pattern: FixedPattern) -> Flag | None:
     return Flag(
         name="short_stack",
         message=f"the fixed pattern is from {pattern.n_flat_frames} flats and {pattern.n_dark_frames} darks, less than "
-        f"the {_LONG_STACK} of EMVA 1288; its temporal noise is taken off, but defects and maps show it: take longer "
-        f"stacks at half of saturation and in the dark",
+        f"the {_LONG_STACK} of EMVA 1288; defects and maps show temporal noise, DSNU and PRNU do not: take longer "
+        "stacks at half of saturation and in the dark",
     )
