@@ -1,4 +1,4 @@
-"""Calls that are left behind where they do not come back in time: into a library, or into the system's kernel."""
+"""Calls into a library or the kernel that are abandoned if they do not return in time."""
 
 import queue
 import threading
@@ -23,7 +23,7 @@ class Caller:
     """
 
     def __init__(self, name: str, *, wait: Callable[[threading.Event, float], bool] = _wait) -> None:
-        # A call, a place for what it returned or raised, and what is set once that is there.
+        # A call, a place for its result or exception, and the event that it has ended.
         self._jobs: queue.SimpleQueue[tuple[Callable[[], Any], list[Any], threading.Event] | None] = queue.SimpleQueue()
         self._wait = wait
         self._has_ended = threading.Event()
@@ -41,7 +41,7 @@ class Caller:
         return returned
 
     def end(self, last: Callable[[], object]) -> None:
-        """Make a last call once all others have ended; nobody waits for it."""
+        """Make a last call once all others have ended, without waiting for it."""
         self._put(last)
         self._jobs.put(None)
 

@@ -1,4 +1,4 @@
-"""Finds rotation stages on serial ports, without disturbing what else may be there."""
+"""Finds rotation stages on serial ports, without disturbing other devices."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -22,11 +22,11 @@ class Found:
     port : PortInfo
         The port.
     driver : str or None
-        Name of the driver to use, None where no stage answered.
+        Name of the driver to use, None if no stage answered.
     answer : Answer or None
         The stage.
     remark : str
-        Why there is none, in words; empty where there is one.
+        Reason why there is none; empty if there is one.
     """
 
     port: PortInfo
@@ -44,15 +44,14 @@ class _Family:
 def find_stages(
     ports: Iterable[PortInfo], *, probe: bool, open_port: Callable[..., BytePort] = open_serial_port
 ) -> list[Found]:
-    """Return what answers on each of some ports, or why nothing does.
+    """Return the stages that answer on some ports, or why none does.
 
     Parameters
     ----------
     ports : iterable of PortInfo
-        Where to look.
+        Ports to search.
     probe : bool
-        Whether to ask on ports too whose USB id does not tell what is behind them: a foreign device might take the
-        question for a command.
+        Also ask on ports whose USB id does not identify the device, which might mistake the question for a command.
     open_port : callable
         Opens a path at a bit rate.
     """
@@ -65,7 +64,7 @@ def _find_on(
 ) -> list[Found]:
     asked = [family for family in families if probe or _is_known(port.usb_id, family.probe)]
     if not asked:
-        return [Found(port=port, remark="not asked, since it may be anything; --probe asks")]
+        return [Found(port=port, remark="not asked, because the device is unknown; use --probe to ask")]
     try:
         found = [
             Found(port=port, driver=family.driver, answer=answer)
@@ -76,12 +75,12 @@ def _find_on(
         return [Found(port=port, remark=str(error))]
     tried = ", ".join(family.driver for family in asked)
     return found or [
-        Found(port=port, remark=f"no stage answers (tried {tried}); is it switched on, and its address right?")
+        Found(port=port, remark=f"no stage answers (tried {tried}); check that it is switched on, and its address")
     ]
 
 
 def _families() -> list[_Family]:
-    """Return the families of all installed drivers whose modules tell how they are found, always in one order."""
+    """Return the families of all installed drivers that can be searched for, in a fixed order."""
     entries = sorted(entry_points(group=STAGES), key=lambda entry: entry.name, reverse=True)
     probes = {entry.name: getattr(import_module(entry.module), "PROBE", None) for entry in entries}
     return [_Family(driver=name, probe=probe) for name, probe in probes.items() if isinstance(probe, StageProbe)]

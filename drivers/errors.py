@@ -1,15 +1,15 @@
 """Failures of devices.
 
-Every message names the device, what was sent, what came back and what to try.
+Every message states the device, the request, the answer and what to try.
 """
 
 
 class DeviceError(Exception):
-    """A device did not do what it was asked. The root of every error that a driver raises."""
+    """A device did not do as requested. Base class of all errors of drivers."""
 
 
 class NotConnectedError(DeviceError):
-    """There is no such device, it is in use by another program, or it has gone away."""
+    """The device does not exist, is used by another program, or was disconnected."""
 
 
 class DeviceTimeoutError(DeviceError):
@@ -17,7 +17,7 @@ class DeviceTimeoutError(DeviceError):
 
 
 class ProtocolError(DeviceError):
-    """The device sent something that its protocol does not allow."""
+    """The device violated its protocol."""
 
 
 class DeviceFaultError(DeviceError):
@@ -28,7 +28,7 @@ class DeviceFaultError(DeviceError):
     code : int or str
         The device's own number or letters for the fault.
     meaning : str
-        What the device's manual says that the code means.
+        Meaning of the code in the device's manual.
     """
 
     def __init__(self, message: str, *, code: int | str, meaning: str) -> None:
@@ -38,8 +38,8 @@ class DeviceFaultError(DeviceError):
 
 
 class LimitError(DeviceError):
-    """A request is outside of what the device can do, or a result outside of what was asked for."""
+    """A request is beyond the device's limits, or a result beyond the requested tolerance."""
 
 
 class AddressError(LimitError):
-    """An address or an option is wrong before any device is asked: whoever wrote it has to mend it."""
+    """An address or option is wrong, as found before any device is asked."""

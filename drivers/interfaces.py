@@ -1,6 +1,6 @@
-"""Interfaces of a rotation stage and of a camera, and the records that they hand back.
+"""Interfaces of rotation stage, camera and monitor, and the records that they return.
 
-Real and simulated devices keep the same promises; the suites in ``tests/contracts`` hold them to these.
+Real and simulated devices keep the same promises, which ``tests/contracts`` checks.
 """
 
 from collections.abc import Mapping
@@ -30,20 +30,20 @@ class StagePosition:
 
 @dataclass(frozen=True, kw_only=True)
 class Move:
-    """A finished move, as it went.
+    """A finished move.
 
     Attributes
     ----------
     target_deg : float
-        The angle that was asked for.
+        The requested angle.
     position : StagePosition
-        The readback after the move: this, and not the target, is where the stage stands.
+        The readback after the move, which is the true position, unlike the target.
     tries : int
-        How many times the move was commanded until the readback was within tolerance.
+        Number of commands until the readback was within tolerance.
     duration_s : float
-        From the first command to the readback that was accepted.
+        From the first command to the accepted readback.
     remarks : tuple of str
-        What else the device said meanwhile, such as a button of its handset being pressed.
+        Other messages of the device meanwhile, such as a pressed button of its handset.
     """
 
     target_deg: float
@@ -55,16 +55,16 @@ class Move:
 
 @dataclass(frozen=True, kw_only=True)
 class StageStatus:
-    """State of a stage, in its own words.
+    """State of a stage.
 
     Attributes
     ----------
     moving : bool
-        Whether it turns.
+        True while it turns.
     homed : bool
-        Whether it is known to have found its reference mark since its power-up.
+        True if it is known to have found its reference mark since power-up.
     code : int or str
-        The device's own status: a number, its status bits, or its flags; 0 or "--" for nothing to tell.
+        The device's own status: a number, status bits, or flags; 0 or "--" for none.
     meaning : str
         What the device's manual says that the code means.
     """
@@ -97,8 +97,8 @@ class RotationStage(Protocol):
     def move_to(self, angle_deg: float, *, way: Way = "short") -> Move:
         """Go to a mechanical angle (any real number, taken modulo 360), and return once it is there.
 
-        Where a first try lands outside of the tolerance, the correction goes the short way. A target that is
-        within the tolerance already is not gone round to.
+        If the first try ends outside the tolerance, the correction goes the short way. If the target is already within
+        the tolerance, the stage does not move.
 
         Raises
         ------
@@ -107,18 +107,18 @@ class RotationStage(Protocol):
         DeviceTimeoutError
             The device is silent or slower than its deadline.
         LimitError
-            The readback stays further from the target than the tolerance, the angle is not finite, or the
-            stage is not known to have found its reference mark: `home` it first.
+            The readback stays further from the target than the tolerance, the angle is not finite, or the stage has not
+            found its reference mark: `home` it first.
         """
 
     def position(self) -> StagePosition:
         """Read the encoder."""
 
     def status(self) -> StageStatus:
-        """Ask the device what it is doing; a fault that it remembers is told here and raises nothing."""
+        """Return the state; a stored fault is part of it and raises nothing."""
 
     def stop(self) -> None:
-        """Stop any motion that the device is able to stop."""
+        """Stop any motion that the device can stop."""
 
     def close(self) -> None:
         """Release the port. May be called twice."""
@@ -148,20 +148,20 @@ class CameraSettings:
 
 
 StartSource = Literal["ptp", "camera clock", "trigger", "arrival", "driver", "file", "simulation"]
-"""Source of an exposure's start: the camera's time stamp, by PTP or by its clock held against the host's; between
-trigger and first packet; before the first packet; the video driver's time stamp; a file's change; the simulation."""
+"""Source of an exposure's start: the camera's time stamp, by PTP or compared with the host's clock; between trigger and
+first packet; before the first packet; the video driver's time stamp; a file's change; the simulation."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """One picture, with what is needed to interpret it.
+    """One picture with its metadata.
 
     Attributes
     ----------
     counts : (H, W) array of uint16
-        Samples in DN as the camera gave them; the first row is the top of the scene.
+        Samples as the camera gave them [DN]; the first row is the top of the scene.
     settings : CameraSettings
-        What the camera was set to while it took this picture.
+        The camera's settings during this picture.
     sequence : int
         The camera's own frame counter.
     start_utc_ns, end_utc_ns : int
@@ -169,10 +169,10 @@ class Frame:
     start_monotonic_ns : int
         Start of the exposure on the host's monotonic clock.
     start_uncertainty_s : float or None
-        By how much `start_utc_ns` may be off at most, the host's own clock taken for right (for that of the PTP master
-        where the source is "ptp"); None where nobody knows [s].
+        Largest error of `start_utc_ns` if the host's clock is right (or the PTP master's, if the source is "ptp"); None
+        if unknown [s].
     start_source : StartSource or None
-        What the start was found by.
+        Source of the start.
     """
 
     counts: NDArray[np.uint16]
@@ -186,7 +186,7 @@ class Frame:
 
 
 class Camera(Protocol):
-    """A camera that takes a picture when asked. A context manager: leaving it stops the camera."""
+    """A camera that takes a picture on request. A context manager: leaving it stops the camera."""
 
     def __enter__(self) -> "Camera": ...
 
@@ -196,12 +196,12 @@ class Camera(Protocol):
         """Return what the device says of itself."""
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
-        """Set exposure and gain; return what the camera says that it took.
+        """Set exposure and gain; return the settings read back.
 
         Raises
         ------
         LimitError
-            A value is outside of what the camera allows.
+            The camera does not allow a value.
         """
 
     def take_frame(self, *, timeout_s: float) -> Frame:
@@ -224,22 +224,21 @@ class FrameTally:
     Attributes
     ----------
     accepted : int
-        Pictures that were handed on.
+        Pictures that were returned.
     damaged : int
-        Pictures that came in incomplete, or marked as damaged.
+        Pictures that were incomplete or marked as damaged.
     too_old : int
-        Pictures whose exposure began before they were asked for.
+        Pictures whose exposure began before the request.
     never_came : int
-        Pictures that were asked for and did not come.
+        Requested pictures that did not come.
     reopened : int
-        How often the connection was lost, made again, and all settings restored.
+        Number of times that the connection was lost and restored with all settings.
     packets : int
-        Packets of pictures, where the camera is on a network and they are counted; 0 where not.
+        Packets of pictures from a camera on a network; otherwise 0.
     packets_lost : int
-        Those that were lost on their way, as far as a picture was looked at: behind the first one that stays away,
-        what else is missing is not told.
+        Lost packets; of each incomplete picture only the first is known.
     packets_resent : int
-        Those of them that came when they were asked for again.
+        Lost packets that came when requested again.
     """
 
     accepted: int = 0
@@ -257,23 +256,23 @@ class FrameTally:
 
 @dataclass(frozen=True, kw_only=True)
 class CameraFacts:
-    """Facts on how a camera's counts come about, beside its settings.
+    """Facts about a camera's counts in addition to its settings.
 
     Attributes
     ----------
     sample_format : str
-        How its samples come, in the words of its own standard.
+        Format of its samples, as in its own standard.
     justified : {"right", "left"}
-        At which end of its bytes a sample comes. The counts of a `Frame` are right-justified in any case.
+        End of its bytes at which a sample is sent. The counts of a `Frame` are always right-justified.
     linear : bool or None
-        True: what the camera has to bend its counts (gamma, look-up table, sharpening, noise reduction) was read back
-        as switched off. None: it tells of nothing of that kind, so nothing is known. False: it bends them.
+        True: all nonlinear processing (gamma, look-up table, sharpening, noise reduction) was read back as off. None:
+        the camera reports none, so it is unknown. False: some is on.
     triggered : bool
-        It takes a picture only when it is asked for one, by software or by a line: then the numbers of its frames
-        follow each other, and a gap is a picture that was lost.
+        It takes pictures only on request, by software or a line: then a gap in the numbers of its frames is a lost
+        picture.
     mosaic_deg : tuple of four floats or None
-        Polarizer angles of the cell of 2 x 2 pixels, row by row, counter-clockwise from horizontal in the picture, as
-        the camera tells them; None where it tells none [deg].
+        Polarizer angles of the cell of 2 x 2 pixels, row by row, counter-clockwise from horizontal in the picture, from
+        the camera; None if it reports none [deg].
     """
 
     sample_format: str
@@ -285,7 +284,7 @@ class CameraFacts:
 
 @runtime_checkable
 class CameraWithFacts(Protocol):
-    """A camera that tells how its counts come about."""
+    """A camera that describes its counts."""
 
     def facts(self) -> CameraFacts:
         """Return what is known of them."""
@@ -293,16 +292,16 @@ class CameraWithFacts(Protocol):
 
 @runtime_checkable
 class ReportingCamera(Protocol):
-    """A camera that tells more than pictures, as our own do. A plug-in's need not: then a run has nothing of it."""
+    """A camera that reports its pictures and settings, as our own do; optional for plug-ins."""
 
     def tally(self) -> FrameTally:
-        """Return what became of the pictures so far; of a camera that is gone too."""
+        """Return the fate of the pictures so far, even of a lost camera."""
 
     def facts(self) -> CameraFacts:
         """Return how its counts come about."""
 
     def features(self) -> dict[str, str]:
-        """Return what was set, what was found and left, and what it measures: values by its own names.
+        """Return settings, controls left unchanged, and own measurements, under the camera's names.
 
         Raises
         ------
@@ -315,9 +314,9 @@ MonitorOptions = Mapping[str, bool | int | float | str | list[str]]
 
 
 class Monitor(Protocol):
-    """A sensor that tells a number beside the frames: temperature, humidity, irradiance, ...
+    """A sensor that gives a number for each frame: temperature, humidity, irradiance, ...
 
-    A `close` without arguments, where there is one, is called at the end.
+    An optional `close` without arguments is called at the end.
     """
 
     @property
@@ -329,10 +328,10 @@ class Monitor(Protocol):
         """Unit of its number, such as "deg C" or "W m-2"."""
 
     def read(self, deadline_s: float) -> float:
-        """Return the number as it is now, within the deadline.
+        """Return the present value, within the deadline.
 
         Raises
         ------
         DeviceError
-            It does not answer in time, or says no number.
+            It does not answer in time, or gives no number.
         """

@@ -1,6 +1,6 @@
-"""Sensors beside the frames: a number from a file, from a command, or over a serial line.
+"""Monitors: a number from a file, from a command, or over a serial line.
 
-Each is made from the options of its table in the rig file and keeps the promises of `drivers.interfaces.Monitor`.
+Each is made from the options of its table in the rig file and implements `drivers.interfaces.Monitor`.
 """
 
 import errno
@@ -18,23 +18,23 @@ from drivers.interfaces import MonitorOptions
 from drivers.serial_port import BytePort, open_serial_port
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-# Of what a sensor says: more is no line of a sensor.
+# Longest line of a sensor.
 _MOST_BYTES = 65536
 _LOOK_S = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """How a number is read out of text.
+    """Conversion of text to a number.
 
     Attributes
     ----------
     unit : str
         Of the number, after factor and offset.
     pattern : str
-        Regular expression that finds it; its first group is the number, or all of it.
+        Regular expression; the number is its first group, or the whole match.
     factor, offset : float
-        The number is multiplied by the one, and the other added.
+        The number is multiplied by the factor, then the offset is added.
     """
 
     unit: str
@@ -43,7 +43,7 @@ class Reading:
     offset: float = 0.0
 
     def of(self, text: str, *, source: str) -> float:
-        """Return the number; the last one where the pattern finds several.
+        """Return the number, the last of several.
 
         Raises
         ------
@@ -60,16 +60,16 @@ class Reading:
 
 
 class FileMonitor:
-    """A number that another program keeps in a file, the last one in it.
+    """The last number in a file that another program writes.
 
     Parameters
     ----------
     path : Path
         The file.
     reading : Reading
-        What is read out of its end.
+        Conversion of its end.
     max_age_s : float
-        A file that was not written for longer says nothing any more.
+        Largest time since the file was last written.
     """
 
     def __init__(self, path: Path, reading: Reading, *, max_age_s: float) -> None:
@@ -82,12 +82,12 @@ class FileMonitor:
         Raises
         ------
         NotConnectedError
-            There is no such file, or it has not been written for too long.
+            The file does not exist, or is too old.
         ProtocolError
-            It holds no number.
+            It has no number.
         """
         try:
-            if not self._path.is_file():  # a pipe would be waited for
+            if not self._path.is_file():  # a pipe would block
                 raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
             with self._path.open("rb") as file:
                 age_s = time.time() - os.fstat(file.fileno()).st_mtime
@@ -98,7 +98,7 @@ class FileMonitor:
             raise NotConnectedError(f"{self._path}: cannot be read: {error.strerror}") from error
         if age_s > self._max_age_s:
             raise NotConnectedError(
-                f"{self._path}: was written {age_s:.0f} s ago, allowed are {self._max_age_s:g} s (max_age_s)"
+                f"{self._path}: was written {age_s:.0f} s ago; allowed is {self._max_age_s:g} s (max_age_s)"
             )
         return self._reading.of(text, source=str(self._path))
 
@@ -111,7 +111,7 @@ class CommandMonitor:
     command : list of str
         Program and arguments.
     reading : Reading
-        What is read out of what it prints.
+        Conversion of its output.
     """
 
     def __init__(self, command: list[str], reading: Reading) -> None:
@@ -119,12 +119,12 @@ class CommandMonitor:
         self.name, self.unit = f"command {command[0]}", reading.unit
 
     def read(self, deadline_s: float) -> float:
-        """Return the number; a program that is not done in time is ended, with all that it started.
+        """Return the number; a program that does not end in time is killed with its children.
 
         Raises
         ------
         DeviceTimeoutError
-            It is not done in time.
+            It does not end in time.
         NotConnectedError
             It cannot be started, or fails.
         ProtocolError
@@ -145,24 +145,24 @@ class CommandMonitor:
                 out, said = process.communicate(timeout=deadline_s)
             except subprocess.TimeoutExpired as error:
                 os.killpg(process.pid, signal.SIGKILL)
-                raise DeviceTimeoutError(f"{self._command[0]}: is not done within {deadline_s:g} s") from error
+                raise DeviceTimeoutError(f"{self._command[0]}: did not end within {deadline_s:g} s") from error
         if process.returncode:
             text = said[-200:].decode(errors="replace").strip()
-            raise NotConnectedError(f"{self._command[0]}: ends with {process.returncode}: {text}")
+            raise NotConnectedError(f"{self._command[0]}: failed with exit code {process.returncode}: {text}")
         return self._reading.of(out[-_MOST_BYTES:].decode(errors="replace"), source=self._command[0])
 
 
 class SerialMonitor:
-    """A number in a line over a serial port, asked for or sent unasked.
+    """A number in a line over a serial port, with or without a request.
 
     Parameters
     ----------
     port : BytePort
         Open.
     ask : bytes
-        What is sent for each reading; nothing where the sensor sends by itself.
+        Request for each reading; empty if the sensor sends on its own.
     reading : Reading
-        What is read out of a line.
+        Conversion of a line.
     """
 
     def __init__(self, port: BytePort, ask: bytes, reading: Reading) -> None:
@@ -177,16 +177,16 @@ class SerialMonitor:
         DeviceTimeoutError
             No whole line came in time.
         NotConnectedError
-            The port has gone away.
+            The port was disconnected.
         ProtocolError
-            The line holds no number.
+            The line has no number.
         """
         end_s = time.monotonic() + deadline_s
         while time.monotonic() < end_s and self._port.read_some(timeout_s=0.0):
-            pass  # what came in before says how it was then
+            pass  # older lines are outdated
         if self._ask:
             self._port.write(self._ask)
-        # Without a question the first line may have begun long ago: the next one is taken.
+        # Without a request the first line may have begun long ago, so the next one is used.
         return self._reading.of(self._line(end_s, whole=1 if self._ask else 2), source=self._port.name)
 
     def close(self) -> None:
@@ -198,19 +198,19 @@ class SerialMonitor:
         while came.count(b"\n") < whole:
             left_s = end_s - time.monotonic()
             if left_s <= 0.0 or len(came) > _MOST_BYTES:
-                raise DeviceTimeoutError(f"{self._port.name}: no whole line in time; it said {came[-80:]!r}")
+                raise DeviceTimeoutError(f"{self._port.name}: no whole line in time; received {came[-80:]!r}")
             came += self._port.read_some(timeout_s=min(left_s, _LOOK_S)).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         return came.split(b"\n")[whole - 1].decode(errors="replace")
 
 
 def open_file_monitor(options: MonitorOptions) -> FileMonitor:
-    """Return what reads a file: options path, unit, pattern, factor, offset, max_age_s (600)."""
+    """Return a monitor of a file: options path, unit, pattern, factor, offset, max_age_s (600)."""
     taken = _Taken(options, "path", "unit", "pattern", "factor", "offset", "max_age_s")
     return FileMonitor(Path(taken.text("path")), taken.reading(), max_age_s=taken.number("max_age_s", 600.0))
 
 
 def open_command_monitor(options: MonitorOptions) -> CommandMonitor:
-    """Return what asks a program: options command (a list), unit, pattern, factor, offset."""
+    """Return a monitor of a program: options command (a list), unit, pattern, factor, offset."""
     taken = _Taken(options, "command", "unit", "pattern", "factor", "offset")
     command = options.get("command")
     if not isinstance(command, list) or not command:
@@ -219,9 +219,9 @@ def open_command_monitor(options: MonitorOptions) -> CommandMonitor:
 
 
 def open_serial_monitor(options: MonitorOptions) -> SerialMonitor:
-    """Return what reads lines: options port, unit, baud (9600), ask, pattern, factor, offset.
+    """Return a monitor of a serial line: options port, unit, baud (9600), ask, pattern, factor, offset.
 
-    `ask` is sent as it stands: a sensor that wants an end of line gets the one that is in it.
+    `ask` is sent unchanged; it must contain the end of line if the sensor needs one.
     """
     taken = _Taken(options, "port", "unit", "baud", "ask", "pattern", "factor", "offset")
     port = open_serial_port(taken.text("port"), baud=round(taken.number("baud", 9600.0)))
@@ -229,19 +229,19 @@ def open_serial_monitor(options: MonitorOptions) -> SerialMonitor:
 
 
 class _Taken:
-    """Options that a monitor takes, each of the kind that it has to be."""
+    """Options of a monitor, with checked types."""
 
     def __init__(self, options: Mapping[str, object], *known: str) -> None:
         unknown = sorted(set(options) - set(known))
         if unknown:
-            raise LimitError(f"monitor option {', '.join(unknown)}: is not known; allowed are {', '.join(known)}")
+            raise LimitError(f"monitor option {', '.join(unknown)}: is unknown; allowed are {', '.join(known)}")
         self._options = options
 
     def text(self, name: str, default: str | None = None) -> str:
         value = self._options.get(name, default)
         if not isinstance(value, str):
             missing = "" if name in self._options else "; is missing"
-            raise LimitError(f"monitor option {name}: must be a text{missing}")
+            raise LimitError(f"monitor option {name}: must be text{missing}")
         return value
 
     def number(self, name: str, default: float) -> float:
@@ -254,7 +254,7 @@ class _Taken:
         try:
             pattern = re.compile(self.text("pattern", _NUMBER)).pattern
         except re.error as error:
-            raise LimitError(f"monitor option pattern: is no regular expression: {error}") from error
+            raise LimitError(f"monitor option pattern: is not a regular expression: {error}") from error
         return Reading(
             unit=self.text("unit"),
             pattern=pattern,

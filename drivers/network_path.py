@@ -1,4 +1,4 @@
-"""The way of packets to a device on the network."""
+"""The path of packets to a device on the network."""
 
 import fcntl
 import socket
@@ -15,17 +15,17 @@ _BUFFER = Path("/proc/sys/net/core/rmem_max")
 
 
 def path_mtu(address: str) -> int:
-    """Return the bytes that the interface to an IP address sends in one piece."""
+    """Return the largest packet that the interface to an IP address sends unfragmented [bytes]."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((address, _ANY_PORT))
             return int(probe.getsockopt(socket.IPPROTO_IP, _IP_MTU))
         except OSError as error:
-            raise LimitError(f"{address}: there is no way to this address: {error.strerror}") from error
+            raise LimitError(f"{address}: there is no route to this address: {error.strerror}") from error
 
 
 def interface_of(address: str) -> str:
-    """Return the name of the interface to an IP address; "unknown" where the system does not tell."""
+    """Return the name of the interface to an IP address, or "unknown"."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((address, _ANY_PORT))
@@ -37,7 +37,7 @@ def interface_of(address: str) -> str:
 
 
 def largest_receive_buffer() -> int | None:
-    """Return how large a socket's buffer may be [bytes]; None where the system does not tell."""
+    """Return the largest buffer of a socket [bytes]; None if unknown."""
     try:
         return int(_BUFFER.read_text(encoding="ascii"))
     except (OSError, ValueError):

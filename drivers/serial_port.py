@@ -1,4 +1,4 @@
-"""Serial ports: which there are, the name of each that survives a restart, and a stream of bytes over one."""
+"""Serial ports: a list of them, names that survive a restart, and a stream of bytes."""
 
 import errno
 import re
@@ -28,11 +28,11 @@ class PortInfo:
     device : str
         Its device file, such as ``/dev/ttyUSB0``; the number depends on the order of plugging in.
     lasting_name : str
-        A name that does not: its link in ``/dev/serial/by-id``, or else its device file.
+        A name that survives a restart: its link in ``/dev/serial/by-id``, or else its device file.
     usb_id : (int, int) or None
         Vendor and product, for a port on USB.
     usb_serial_number : str or None
-        Of the adapter, not of what is behind it.
+        Of the adapter, not of the device.
     """
 
     device: str
@@ -55,16 +55,16 @@ def serial_ports(*, by_id: Path = _BY_ID) -> list[PortInfo]:
 
 
 def resolve_port(name: str, *, warn: Callable[[str], None], by_id: Path = _BY_ID) -> str:
-    """Return the path to open for a port as people name it.
+    """Return the path of a port that a person named.
 
     Parameters
     ----------
     name : str
         A path, or ``usb:`` and the serial number of the USB adapter.
     warn : callable
-        Told when the name is one of those that another device may have after a restart.
+        Called if another device may have this name after a restart.
     by_id : Path
-        Where the lasting names are.
+        Folder of the lasting names.
 
     Raises
     ------
@@ -75,8 +75,8 @@ def resolve_port(name: str, *, warn: Callable[[str], None], by_id: Path = _BY_ID
         return _port_of_adapter(name.removeprefix(_USB), by_id=by_id)
     if _NUMBERED.fullmatch(name):
         better = _link_to(name, by_id)
-        advice = f"use {better}" if better else "`ls -l /dev/serial/by-id` shows names that last"
-        warn(f"port {name}: after a restart this name may be another device's; {advice}")
+        advice = f"use {better}" if better else "`ls -l /dev/serial/by-id` shows lasting names"
+        warn(f"port {name}: after a restart another device may have this name; {advice}")
     return name
 
 
@@ -101,13 +101,13 @@ UDEV_RULE = """\
 SUBSYSTEM=="tty", ATTRS{idVendor}=="0403|2939", GROUP="dialout", MODE="0660", TAG+="uaccess"
 ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"
 """
-"""Lets those at the computer, and the group dialout, use the ports of the supported stages, without long waits."""
+"""Lets local users and the group dialout use the ports of the supported stages, without long waits."""
 
 _NO_MODEM_LINES = (errno.ENOTTY, errno.EINVAL)
 
 
 class Heard(Protocol):
-    """Told of what goes over a line, both ways, by the path of its port; empty bytes from the device: it has gone."""
+    """Listener to the bytes of a port in both directions; empty bytes mean that the device has gone."""
 
     def __call__(self, data: bytes, *, port: str, from_host: bool) -> None:
         """Take in some bytes."""
@@ -118,7 +118,7 @@ _LISTENERS: list[Heard] = []
 
 @contextmanager
 def heard_by(listener: Heard) -> Iterator[None]:
-    """Have a listener told of every byte of the ports that are opened until the context is left."""
+    """Send every byte of ports opened within the context to a listener."""
     _LISTENERS.append(listener)
     try:
         yield
@@ -127,14 +127,14 @@ def heard_by(listener: Heard) -> Iterator[None]:
 
 
 class BytePort(Protocol):
-    """A link as device drivers need it. A read that waits, waits on the link's own time."""
+    """A link for device drivers. Waiting uses the link's own clock."""
 
     @property
     def name(self) -> str:
         """The name that messages to people use."""
 
     def read_some(self, *, timeout_s: float) -> bytes:
-        """Return what has come in, waiting at most this long [s] for the first byte; empty when nothing came."""
+        """Return the received bytes, waiting at most this long [s] for the first; empty if none came."""
 
     def write(self, data: bytes) -> None:
         """Send all of it."""
@@ -144,7 +144,7 @@ class BytePort(Protocol):
 
 
 class SerialPort:
-    """A serial port, or a pseudo-terminal, held by this program alone."""
+    """A serial port or pseudo-terminal, locked for this program."""
 
     def __init__(self, port: serial.Serial, listeners: Sequence[Heard] = ()) -> None:
         self._port, self._listeners = port, tuple(listeners)
@@ -155,7 +155,7 @@ class SerialPort:
         return str(self._port.port)
 
     def read_some(self, *, timeout_s: float) -> bytes:
-        """Return what has come in, waiting at most this long [s] for the first byte; empty when nothing came."""
+        """Return the received bytes, waiting at most this long [s] for the first; empty if none came."""
         try:
             self._port.timeout = timeout_s
             first = self._port.read(1)
@@ -172,13 +172,13 @@ class SerialPort:
         try:
             self._port.write(data)
         except serial.SerialTimeoutException as error:
-            message = f"{self.name}: the port did not take {data!r} within {_WRITE_TIMEOUT_S:g} s"
+            message = f"{self.name}: the port did not accept {data!r} within {_WRITE_TIMEOUT_S:g} s"
             raise DeviceTimeoutError(message) from error
         except (OSError, termios.error) as error:
             self._gone(error)
 
     def request_to_send(self) -> None:
-        """Set the modem line RTS, which some controllers wait for; a pseudo-terminal has no such lines."""
+        """Set the modem line RTS, which some controllers need; a pseudo-terminal has none."""
         try:
             self._port.rts = True
         except OSError as error:
@@ -198,7 +198,7 @@ class SerialPort:
         if not self._port.is_open:
             raise NotConnectedError(f"{self.name}: this connection was closed; open it again") from error
         raise NotConnectedError(
-            f"{self.name}: the port has gone away ({error}). Check the cable and the supply, then open it again"
+            f"{self.name}: the port was disconnected ({error}). Check the cable and the supply, then open it again"
         ) from error
 
 
@@ -213,7 +213,7 @@ def open_serial_port(path: str, *, baud: int) -> SerialPort:
 def _why_not_opened(path: str, error: Exception) -> str:
     number = getattr(error, "errno", None)
     if number == errno.ENOENT:
-        return f"{path}: there is no such port. `rigctl devices` lists those that are plugged in"
+        return f"{path}: there is no such port. `rigctl devices` lists the connected ones"
     if number in (errno.EACCES, errno.EPERM):
         return (
             f"{path}: no permission to open it. Serial ports belong to the group dialout: "
@@ -223,5 +223,5 @@ def _why_not_opened(path: str, error: Exception) -> str:
     if number in (errno.EAGAIN, errno.EBUSY):
         return f"{path}: another program is using it. `fuser -v {path}` names that program"
     if Path(path).is_file() or Path(path).is_dir() or number == errno.ENOTTY or "Inappropriate ioctl" in str(error):
-        return f"{path}: is no serial port; `rigctl devices` lists the ports that there are"
+        return f"{path}: is not a serial port; `rigctl devices` lists the connected ones"
     return f"{path}: cannot be opened as a serial port ({error})"

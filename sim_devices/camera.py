@@ -32,30 +32,30 @@ _POWER_ON_EXPOSURE_S = 0.01
 
 
 class SimCamera:
-    """A camera that exposes at once, without waiting, and whose every frame can be had again.
+    """A camera that exposes without waiting and whose frames can be reproduced.
 
     Parameters
     ----------
     world
-        What it looks at; of the same size as the detector.
+        The scene, of the same size as the detector.
     lens, detector
-        The truth about it.
+        Their true properties.
     pattern_seed
-        Which camera of its kind this is, >= 0: fixed pattern and serial number come from it.
+        Determines fixed pattern and serial number, >= 0.
     noise_seed
-        With the sequence number it decides the noise of a frame, whatever was taken before, >= 0. Frames of
-        equal seed and number have the same noise: give each session its own seed or range of numbers.
+        Determines the noise of a frame together with its sequence number, >= 0. Frames of equal seed and number have
+        the same noise: give each session its own seed or range of numbers.
     first_sequence
-        Number of the first frame, >= 0, such as where an earlier session ended.
+        Number of the first frame, >= 0, for example after an earlier session.
     faults
-        What goes wrong, by sequence number: "lost" (the frame never comes, its number is used up), "repeated"
-        (the counts of the frame before, under a new number and time) or "black" (all counts 0).
+        Faults by sequence number: "lost" (the frame never comes, its number is used up), "repeated" (the counts of the
+        frame before, under a new number and time) or "black" (all counts 0).
     utc_ns, monotonic_ns
         The clocks of the host [ns], for the time stamps.
     truth
-        Where every exposure is noted as it truly was; None notes nothing.
+        Log of the true exposures; None for no log.
     rendering
-        Effects beside those of lens and detector; what is not named is not called.
+        Effects in addition to those of lens and detector.
 
     Raises
     ------
@@ -64,9 +64,9 @@ class SimCamera:
 
     Notes
     -----
-    The polarizer stands during the whole exposure where it stood at its start. No frame starts before the end
-    of the one before: if the clocks have not gone on for as long as the exposure, stamps run ahead of them.
-    Exposures are whole microseconds. The ranges of exposure and gain are assumed.
+    The polarizer keeps its angle during an exposure. Frames do not overlap: if the clocks advance by less than the
+    exposure, time stamps run ahead of them. Exposures are whole microseconds. The ranges of exposure and gain are
+    assumed.
     """
 
     def __init__(
@@ -107,17 +107,17 @@ class SimCamera:
         self.close()
 
     def identify(self) -> DeviceIdentity:
-        """Return a model name that says that this is a simulation; the serial number is the pattern seed."""
+        """Return a model name that marks a simulation; the serial number is the pattern seed."""
         self._refuse_closed()
         return DeviceIdentity(model=_MODEL, serial_number=f"sim-{self._pattern_seed}", firmware="none")
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
-        """Set exposure and gain; return what was taken: the exposure rounded to whole microseconds.
+        """Set exposure and gain; return them with the exposure rounded to whole microseconds.
 
         Raises
         ------
         LimitError
-            A value is outside of what the camera allows; then nothing is changed.
+            A value is out of range; nothing is changed.
         NotConnectedError
             The camera was closed.
         """
@@ -143,7 +143,7 @@ class SimCamera:
         return self._settings
 
     def take_frame(self, *, timeout_s: float) -> Frame:
-        """Return a picture of the world as it is now.
+        """Return a picture of the present world.
 
         Raises
         ------
@@ -185,7 +185,7 @@ class SimCamera:
         return CameraFacts(sample_format="none: within the program", justified="right", linear=True, triggered=True)
 
     def features(self) -> dict[str, str]:
-        """Return nothing: it has no features with names of their own, and no thermometer."""
+        """Return nothing: it has no named features and no thermometer."""
         return {}
 
     @property
@@ -199,7 +199,7 @@ class SimCamera:
         return self._free_at_monotonic_ns
 
     def go_on_from(self, sequence: int) -> None:
-        """Give the next frame this number, on which its noise hangs; ValueError where it is used up."""
+        """Give the next frame this number, which determines its noise; ValueError if it is used up."""
         if sequence < self._next_sequence:
             raise ValueError(f"sequence is {sequence}; numbers below {self._next_sequence} are used up")
         self._next_sequence = sequence
@@ -209,7 +209,7 @@ class SimCamera:
         self._open = False
 
     def _start_exposure(self) -> tuple[int, int]:
-        """Return UTC and monotonic time of the start, and note until when the detector is busy."""
+        """Return UTC and monotonic time of the start, and note the end of the exposure."""
         now_ns = self._monotonic_ns()
         start_ns = max(now_ns, self._free_at_monotonic_ns)
         self._free_at_monotonic_ns = start_ns + self._exposure_us * 1000
@@ -256,23 +256,23 @@ class SimCamera:
     def _refuse_late(self, timeout_s: float) -> None:
         if self._settings.exposure_s > timeout_s:
             raise DeviceTimeoutError(
-                f"{_MODEL}: no frame within {timeout_s} s, since the exposure is "
-                f"{self._settings.exposure_s} s; allow more time or expose shorter"
+                f"{_MODEL}: no frame within {timeout_s} s at an exposure of {self._settings.exposure_s} s; allow more "
+                "time or expose shorter"
             )
 
 
 def _refuse_mismatch(world: World, detector: Detector) -> None:
     if world.shape != (detector.height, detector.width):
         raise ValueError(
-            f"the world is {world.shape[1]} x {world.shape[0]} pixels and "
-            f"the detector {detector.width} x {detector.height}; they have to be of one size"
+            f"the world is {world.shape[1]} x {world.shape[0]} pixels and the detector {detector.width} x "
+            f"{detector.height}; they must have one size"
         )
 
 
 def _refuse_negative(**numbers: int) -> None:
     for name, number in numbers.items():
         if number < 0:
-            raise ValueError(f"{name} is {number}; it has to be at least 0")
+            raise ValueError(f"{name} is {number}; allowed is 0 and above")
 
 
 def _refuse_outside(name: str, value: float, *, unit: str, limits: tuple[float, float]) -> None:

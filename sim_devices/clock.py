@@ -1,4 +1,4 @@
-"""Time for simulated devices: it follows the wall clock, as fast as wanted, or is moved on by hand."""
+"""Time for simulated devices: proportional to the wall clock, or advanced by calls."""
 
 import math
 import threading
@@ -8,16 +8,16 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Clock that simulated devices share, so that they live at the same time."""
+    """Common clock of simulated devices."""
 
     def now_s(self) -> float:
-        """Return the simulated time [s]; it never goes back."""
+        """Return the simulated time [s], which never decreases."""
 
     def sleep(self, duration_s: float) -> None:
         """Return once this much simulated time [s] has passed."""
 
     def wait_until(self, time_s: float) -> None:
-        """Return once the simulated time [s] has been reached; at once if it has gone by."""
+        """Return once the simulated time [s] has been reached, at once if it is past."""
 
 
 class SimClock:
@@ -50,7 +50,7 @@ class SimClock:
         return (self._wall_s() - self._origin_s) * self._speed
 
     def wall_s_until(self, time_s: float) -> float:
-        """Return how long it takes on the wall clock [s] until a simulated time; 0 if it has gone by."""
+        """Return the time on the wall clock until a simulated time [s]; 0 if it is past."""
         return max(0.0, time_s - self.now_s()) / self._speed
 
     def sleep(self, duration_s: float) -> None:
@@ -58,13 +58,13 @@ class SimClock:
         self.wait_until(self.now_s() + duration_s)
 
     def wait_until(self, time_s: float) -> None:
-        """Return once the simulated time [s] has been reached; at once if it has gone by."""
+        """Return once the simulated time [s] has been reached, at once if it is past."""
         while (remaining_s := self.wall_s_until(time_s)) > 0.0:
             self._wall_sleep(remaining_s)
 
 
 class ManualClock:
-    """Simulated time that stands still until it is moved on, by `advance` or by somebody who sleeps on it."""
+    """Simulated time that advances only by `advance` and by sleeping."""
 
     def __init__(self) -> None:
         self._now_s = 0.0
@@ -76,9 +76,9 @@ class ManualClock:
             return self._now_s
 
     def advance(self, duration_s: float) -> None:
-        """Move the time on by this much [s], which must not be negative."""
+        """Advance the time by at least 0 [s]."""
         if not duration_s >= 0.0:
-            raise ValueError(f"duration_s = {duration_s} s: time does not go back")
+            raise ValueError(f"duration_s = {duration_s} s: time cannot go back")
         with self._lock:
             self._now_s += duration_s
 
@@ -87,6 +87,6 @@ class ManualClock:
         self.advance(max(0.0, duration_s))
 
     def wait_until(self, time_s: float) -> None:
-        """Move the time on to this point [s], unless it has gone by."""
+        """Advance the time to this point [s], unless it is past."""
         with self._lock:
             self._now_s = max(self._now_s, time_s)

@@ -1,7 +1,7 @@
-"""From the radiance that enters a simulated lens to counts: the detector, and a list of effects that act on a frame.
+"""From radiance at a simulated lens to counts: the detector, and a list of effects on a frame.
 
 Effects of lamp, polarizer and lens act on expected photo-electrons, those of the detector on counts; each is called
-only if it is stated. The first makes a picture of its own, so the radiance stays as it was.
+only if it is stated. The first makes a new picture, so the radiance stays unchanged.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ _LIGHT_SPEED_M_PER_S = 299792458.0
 
 
 class Stream(IntEnum):
-    """Uses of a seed: the first number of a spawn key, so that no two uses share random numbers."""
+    """Uses of a seed: the first number of a spawn key, so that uses do not share random numbers."""
 
     PATTERN = 0
     NOISE = 1
@@ -32,7 +32,7 @@ class Stream(IntEnum):
 
 
 def generator(seed: int, stream: Stream, *key: int) -> np.random.Generator:
-    """Return the generator of a stream; with a sequence number as `key` a frame's own.
+    """Return the generator of a stream, or of a frame if `key` is its sequence number.
 
     Notes
     -----
@@ -50,7 +50,7 @@ class Lens:
     focal_length_m, aperture_diameter_m
         Both > 0.
     transmittance
-        Share of the light that passes the lens, polarizer not included, in (0, 1].
+        Transmitted share of the light without polarizer, in (0, 1].
 
     Raises
     ------
@@ -72,19 +72,19 @@ class Lens:
 class Detector:
     """A detector with the geometry of a Prosilica GC780 (782 x 582 pixels of 8.3 um, 12 bit).
 
-    Every other default, each noise number above all, is assumed: no photon-transfer data of this camera
-    were found. They are of the size that measured CCDs of its class and age show.
+    All other defaults are assumed, of the size of measured CCDs of its class and age: no photon-transfer data of this
+    camera were found.
 
     Parameters
     ----------
     width, height
         Pixels, each >= 1.
     pixel_pitch_m
-        Square pixels, sensitive all over, > 0.
+        Square pixels with full fill factor, > 0.
     effective_wavelength_m
         The one wavelength at which photons are counted, > 0.
     quantum_efficiency
-        Electrons a photon, in (0, 1].
+        Electrons per photon, in (0, 1].
     gain_dn_per_e
         At a camera setting of 0 dB, > 0.
     read_noise_e
@@ -92,12 +92,11 @@ class Detector:
     dark_current_e_per_s
         Mean, >= 0; the same in all pixels.
     black_level_dn
-        What the camera adds to every sample, whatever its gain, >= 0.
+        Added to every sample at any gain, >= 0.
     prnu
         Relative standard deviation of the response from pixel to pixel, in [0, 0.1].
     dsnu_e
-        Standard deviation of a fixed offset from pixel to pixel, >= 0. It is no charge: it brings no shot
-        noise and does not grow with exposure.
+        Standard deviation of a fixed offset from pixel to pixel, >= 0. Independent of exposure and without shot noise.
     full_well_e
         Most electrons (light and dark) that a pixel holds, > 0.
     bit_depth
@@ -141,7 +140,7 @@ class Detector:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FixedPattern:
-    """Differences of the pixels of one camera, the same in every frame; None where they do not."""
+    """Fixed differences between the pixels of one camera; None if they are equal."""
 
     response: FloatArray | None  #: Factor of the light, with expectation 1.
     offset_e: FloatArray | None  #: Added when a pixel is read, with expectation 0 [e-].
@@ -150,8 +149,8 @@ class FixedPattern:
 def draw_fixed_pattern(detector: Detector, *, generator: np.random.Generator) -> FixedPattern:
     """Return a fixed pattern with normal deviations of the detector's `prnu` and `dsnu_e`.
 
-    It is the expectation of response and offset, not their mean over the drawn map, that is 1 and 0.
-    The offset is the same whether there is PRNU or not.
+    Response and offset have the expectations 1 and 0, not these means over the drawn map. The offset is the same
+    whether there is PRNU or not.
     """
     response_draws, offset_draws = generator.spawn(2)
     shape = (detector.height, detector.width)
@@ -161,7 +160,7 @@ def draw_fixed_pattern(detector: Detector, *, generator: np.random.Generator) ->
 
 
 def electrons_per_radiance_s(lens: Lens, detector: Detector) -> float:
-    """Return the photo-electrons that a radiance of 1 W m^-2 sr^-1 behind the polarizer makes in a second.
+    """Return photo-electrons per second for a radiance of 1 W m^-2 sr^-1 behind the polarizer.
 
     On axis everywhere: no natural vignetting. Seen from a pixel the pupil is a disk of half angle theta' with
     tan(theta') = (diameter / 2) / focal length, which sends light from a projected solid angle of
@@ -183,25 +182,25 @@ def _require(name: str, value: float, *, above: float = -inf, least: float = -in
     raise ValueError(f"{name} is {value}; it has to be {low}{high}")
 
 
-# Where in the chain an effect acts: on expected photo-electrons before the pixels' response, on what a pixel is
-# expected to hold, on the electrons that were drawn, on what is added when a pixel is read.
+# Place of an effect in the chain: on expected photo-electrons before the pixels' response, on the expected charge, on
+# the drawn electrons, on the offset at read-out.
 Place = Literal["light", "expected charge", "charge", "read-out"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shot:
-    """One frame, as far as an effect has to know it.
+    """Properties of a frame for its effects.
 
     Attributes
     ----------
     noise
         Shot noise and read noise draw from it, in this order.
     noise_seed, sequence
-        With the stream they decide what every other effect draws, whatever was taken before.
+        Determine the random numbers of the other effects, with the stream.
     exposure_s
         Integration time.
     axis_deg
-        Where the polarizer's axis points, over whole turns, counter-clockwise from horizontal.
+        Direction of the polarizer's axis over whole turns, counter-clockwise from horizontal.
     """
 
     noise: np.random.Generator
@@ -226,11 +225,11 @@ class RenderingEffect:
     Attributes
     ----------
     name
-        As the rig file calls it.
+        Name in the rig file.
     place
-        Where it acts; effects of one place act in the order of the list.
+        Place in the chain; effects of one place act in the order of the list.
     act
-        What it does.
+        The effect.
     """
 
     name: str
@@ -241,7 +240,7 @@ class RenderingEffect:
 def refuse_outside(name: str, value: float, *, least: float, most: float = np.inf) -> None:
     """Raise ValueError unless `value` is finite and within least .. most."""
     if not (least <= value <= most and np.isfinite(value)):
-        raise ValueError(f"{name} is {value}; it has to be finite, at least {least:g} and at most {most:g}")
+        raise ValueError(f"{name} is {value}; allowed is {least:g} to {most:g}")
 
 
 def drift(*, rate_per_frame: float, flicker_std: float) -> RenderingEffect:
@@ -252,7 +251,7 @@ def drift(*, rate_per_frame: float, flicker_std: float) -> RenderingEffect:
     rate_per_frame
         Relative change from one sequence number to the next, compounded; 1 at sequence 0.
     flicker_std
-        Relative deviation from frame to frame beside that, normal in the logarithm, >= 0.
+        Additional relative deviation from frame to frame, normal in the logarithm, >= 0.
     """
     refuse_outside("drift.rate_per_frame", rate_per_frame, least=-1.0, most=1.0)
     refuse_outside("drift.flicker_std", flicker_std, least=0.0, most=1.0)
@@ -268,19 +267,18 @@ def drift(*, rate_per_frame: float, flicker_std: float) -> RenderingEffect:
 
 
 def beam_wander(*, radius_px: float, phase_deg: float) -> RenderingEffect:
-    """Return a picture that goes round a circle as the polarizer turns, as behind a wedge.
+    """Return a shift on a circle as the polarizer turns, as behind a wedge.
 
     Parameters
     ----------
     radius_px
         Of the circle, >= 0.
     phase_deg
-        The picture is moved in the direction of the polarizer's axis plus this, counter-clockwise from right.
+        Direction of the shift less that of the polarizer's axis, counter-clockwise from right.
 
     Notes
     -----
-    Between pixels it is linear interpolation, which makes no light negative but blurs by up to half a pixel. What
-    comes in at the rim repeats the rim.
+    Linear interpolation keeps light positive but blurs by up to half a pixel. The rim is repeated beyond the picture.
     """
     from scipy import ndimage
 
@@ -295,7 +293,7 @@ def beam_wander(*, radius_px: float, phase_deg: float) -> RenderingEffect:
 
 
 def point_spread(*, sigma_px: float) -> RenderingEffect:
-    """Return a blur by a Gaussian of this deviation, > 0, cut at four; the rim repeats beyond the picture."""
+    """Return a Gaussian blur of this deviation, > 0, truncated at four; the rim is repeated beyond the picture."""
     from scipy import ndimage
 
     refuse_outside("point-spread.sigma_px", sigma_px, least=0.0)
@@ -307,7 +305,7 @@ def point_spread(*, sigma_px: float) -> RenderingEffect:
 
 
 def defocus(lens: Lens, detector: Detector, *, defocus_m: Callable[[], float]) -> RenderingEffect:
-    """Return the blur of a detector that does not stand in the focus: every point becomes an even disk.
+    """Return the blur of a detector out of focus: every point becomes an even disk.
 
     Parameters
     ----------
@@ -316,12 +314,12 @@ def defocus(lens: Lens, detector: Detector, *, defocus_m: Callable[[], float]) -
     detector
         Cuts that cone.
     defocus_m
-        Gives, at each frame, how far the detector is from the tip; before or behind it is the same [m].
+        Distance of the detector from the tip at each frame, to either side [m].
 
     Notes
     -----
-    Rays alone: no diffraction, which is below a pixel where a lens is wide open. Between pixels it is linear
-    interpolation, so that the picture in the focus stays as it is. The rim repeats beyond the picture.
+    Geometrical optics without diffraction, which is below a pixel for a wide aperture. Linear interpolation leaves a
+    picture in focus unchanged. The rim is repeated beyond the picture.
     """
     cone = lens.aperture_diameter_m / lens.focal_length_m
 
@@ -336,7 +334,7 @@ def _spread(picture: FloatArray, radius_px: float) -> FloatArray:
     import cv2
 
     spread = cv2.filter2D(picture, cv2.CV_64F, _disk(radius_px), borderType=cv2.BORDER_REPLICATE)
-    # Its Fourier transforms leave a rounding below zero, of which no electrons can be drawn.
+    # Rounding of the Fourier transforms may be negative, which the Poisson draw does not allow.
     return np.maximum(spread, 0.0)
 
 
@@ -365,7 +363,7 @@ def vignetting(lens: Lens, detector: Detector) -> RenderingEffect:
 
     Notes
     -----
-    The axis meets the middle of the picture. What mounts and lens barrels cut off comes on top and is not here.
+    The axis meets the middle of the picture. Vignetting by mounts and lens barrels is not included.
     """
     share = _cosine_squared(lens, detector) ** 2
 
@@ -386,7 +384,7 @@ def _cosine_squared(lens: Lens, detector: Detector) -> FloatArray:
 
 
 def fixed_pattern(*, column_offset_e: float, width: int, pattern_seed: int) -> RenderingEffect:
-    """Return an offset of each column, the same in every frame of one camera, beside its pixels' PRNU and DSNU.
+    """Return a fixed offset of each column, in addition to PRNU and DSNU of the pixels.
 
     Parameters
     ----------
@@ -395,7 +393,7 @@ def fixed_pattern(*, column_offset_e: float, width: int, pattern_seed: int) -> R
     width
         Columns.
     pattern_seed
-        Which camera of its kind it is.
+        Determines the pattern of the camera.
     """
     refuse_outside("fixed-pattern.column_offset_e", column_offset_e, least=0.0)
     offset_e = column_offset_e * generator(pattern_seed, Stream.COLUMN_OFFSET).standard_normal(width)
@@ -408,12 +406,12 @@ def fixed_pattern(*, column_offset_e: float, width: int, pattern_seed: int) -> R
 
 
 def smear(*, row_transfer_us: float) -> RenderingEffect:
-    """Return the light that a column's charge collects while it is moved past every row of a shutterless CCD.
+    """Return the smear of a shutterless CCD: light collected while charge moves past every row.
 
     Parameters
     ----------
     row_transfer_us
-        Time for which a charge stays at a row on its way [us], >= 0.
+        Time of a charge at each row [us], >= 0.
     """
     refuse_outside("smear.row_transfer_us", row_transfer_us, least=0.0)
 
@@ -425,12 +423,12 @@ def smear(*, row_transfer_us: float) -> RenderingEffect:
 
 
 def cosmic_hits(*, rate_per_s: float, mean_e: float) -> RenderingEffect:
-    """Return charge that particles leave in single pixels.
+    """Return charge of cosmic particles in single pixels.
 
     Parameters
     ----------
     rate_per_s
-        Hits a second over the whole detector, >= 0.
+        Hits per second on the whole detector, >= 0.
     mean_e
         Mean of the charge of one, exponentially distributed [e-], >= 0.
     """
@@ -441,7 +439,7 @@ def cosmic_hits(*, rate_per_s: float, mean_e: float) -> RenderingEffect:
         draws = shot.draws(Stream.COSMIC_HITS)
         count = int(draws.poisson(rate_per_s * shot.exposure_s))
         hit = draws.integers(picture.size, size=count)
-        # Two hits of one pixel add up, which an index on the left of += would not do.
+        # Adds up several hits of one pixel, unlike indexing with +=.
         np.add.at(picture.reshape(-1), hit, np.rint(draws.exponential(mean_e, size=count)))
         return picture
 
@@ -457,7 +455,7 @@ def exposure_effects(
     gain_db: float,
     rendering: Sequence[RenderingEffect] = (),
 ) -> tuple[Act, ...]:
-    """Return what happens to light on its way to counts, in order.
+    """Return the steps from light to counts, in order.
 
     In order: expected photo-electrons, [light], response of each pixel, [expected charge], dark electrons, Poisson
     draw of both, [charge], full well, offset of each pixel, [read-out], read noise, gain and black level. `counts_of`
@@ -513,7 +511,7 @@ def _added(summand: float | FloatArray) -> Act:
 
 
 def _shot_noise(picture: FloatArray, shot: Shot) -> FloatArray:
-    """Draw whole electrons. A true Poisson draw at every level, though it is most of a frame's cost."""
+    """Draw electrons by a true Poisson draw at every level, the largest cost of a frame."""
     return shot.noise.poisson(picture).astype(np.float64)
 
 

@@ -1,4 +1,4 @@
-"""Polarizers on the pixels of a simulated sensor, in cells of 2 x 2, as they truly are."""
+"""True polarizers on the pixels of a simulated sensor, in cells of 2 x 2."""
 
 from dataclasses import dataclass
 
@@ -12,16 +12,16 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class MicroPolarizers:
-    """The truth about a cell and its making.
+    """True axes of a cell, with errors.
 
     Parameters
     ----------
     cell_deg
         Axes row by row, counter-clockwise from horizontal as the camera sees the scene.
     place_error_deg
-        Standard deviation of an error of each place of the cell, the same in all cells, >= 0.
+        Standard deviation of the error at each place of the cell, equal in all cells, >= 0.
     pixel_error_deg
-        Standard deviation of an error of each pixel by itself, >= 0.
+        Standard deviation of the error of each pixel, >= 0.
     crosstalk
         Share of a pixel's light that each of its four neighbours gets, 0 to 0.2.
 
@@ -38,7 +38,7 @@ class MicroPolarizers:
 
     def __post_init__(self) -> None:
         if len(self.cell_deg) != 4 or not np.all(np.isfinite(self.cell_deg)):
-            raise ValueError(f"cell is {self.cell_deg}; it has to be four angles")
+            raise ValueError(f"cell is {self.cell_deg}; four angles are needed")
         refuse_outside("angle_error_deg", self.place_error_deg, least=0.0, most=45.0)
         refuse_outside("pixel_error_deg", self.pixel_error_deg, least=0.0, most=45.0)
         refuse_outside("crosstalk", self.crosstalk, least=0.0, most=0.2)
@@ -52,7 +52,7 @@ class MicroPolarizers:
 
 
 def crosstalk(share: float) -> RenderingEffect:
-    """Return light that leaks into each of the four neighbours; at the rim it comes back from where it would go."""
+    """Return light with leakage to the four neighbours, mirrored at the rim."""
 
     def act(picture: FloatArray, _: Shot) -> FloatArray:
         padded = np.pad(picture, 1, mode="edge")

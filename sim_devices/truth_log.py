@@ -1,4 +1,4 @@
-"""Log of what a simulated rig truly did, frame by frame, in which no driver and no session has a hand."""
+"""Log of the true state of a simulated rig at each frame, independent of drivers and session."""
 
 import errno
 import json
@@ -15,37 +15,37 @@ class TrueFrame:
     """One exposure as it truly was."""
 
     sequence: int  #: The camera's number of the frame.
-    subject: str  #: What was in front of the camera: "scene", "dark" or "flat".
-    polarizer_angle_deg: float  #: Where the transmission axis truly pointed at the start, in [0, 180).
+    subject: str  #: In front of the camera: "scene", "dark" or "flat".
+    polarizer_angle_deg: float  #: True direction of the transmission axis at the start, in [0, 180).
     exposure_s: float  #: Integration time.
     gain_db: float  #: Gain setting.
     start_utc_ns: int  #: Start by the clocks of the host.
     start_monotonic_ns: int
-    fault: str | None  #: What the simulation did to the frame on purpose.
+    fault: str | None  #: Fault of the frame by the simulation.
 
 
 class TruthLog:
-    """A file of lines, one an exposure, that grows from session to session.
+    """A file with one line per exposure, which grows from session to session.
 
     Parameters
     ----------
     path : Path
-        The file; made where it is not there.
+        The file; created if missing.
 
     Raises
     ------
     OSError
-        It cannot be written, or is another file: only a log of this kind is added to.
+        It cannot be written, or is not such a log.
 
     Notes
     -----
-    Each line is one write, so that a kill leaves whole lines; it is not waited for the disk.
+    Each line is one write, so that a kill leaves whole lines; there is no wait for the disk.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         if path.exists() and not _is_log(path):
-            raise FileExistsError(errno.EEXIST, "is there already, and is no log of exposures", str(path))
+            raise FileExistsError(errno.EEXIST, "exists, and is not a log of exposures", str(path))
         os.close(self._opened())
 
     def note(self, frame: TrueFrame) -> None:
@@ -73,4 +73,4 @@ def read_truth(path: Path) -> tuple[TrueFrame, ...]:
     try:
         return tuple(TrueFrame(**json.loads(line)) for line in lines)
     except (ValueError, TypeError) as error:
-        raise ValueError(f"{path}: a line is no frame: {error}") from error
+        raise ValueError(f"{path}: a line is not a frame: {error}") from error

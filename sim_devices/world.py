@@ -1,10 +1,10 @@
-"""The world before a simulated camera: a scene, a polarizer on a stage, or something held in front of both.
+"""The world of a simulated camera: a scene, a polarizer on a stage, or a cover in front of both.
 
-One Stokes vector a pixel is drawn once from plain records; mean and spread of each region may change with time.
+One Stokes vector per pixel is drawn once; mean and spread of each region may change with time.
 
-Pictures: the first row is the top, x runs right, y down. Stokes vectors (S0, S1, S2) are radiances in band
-[W m^-2 sr^-1] with S1 = horizontal - vertical and S2 = (+45) - (-45), where angles run counter-clockwise from
-horizontal in the picture as it is shown.
+Pictures: the first row is the top, x runs right, y down. Stokes vectors (S0, S1, S2) are radiances in band [W m^-2
+sr^-1] with S1 = horizontal - vertical and S2 = (+45) - (-45), angles counter-clockwise from horizontal in the picture
+as displayed.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-# A fully polarised vector written in decimals misses DoLP = 1 by some eps.
+# A fully polarised vector in decimals misses DoLP = 1 by some eps.
 _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Surface:
-    """Light from a kind of surface, and how it differs from pixel to pixel.
+    """Light from a kind of surface, and its variation from pixel to pixel.
 
     Parameters
     ----------
@@ -31,13 +31,13 @@ class Surface:
     texture_rms
         Relative rms of a normal factor common to the whole Stokes vector of a pixel, as of albedo; >= 0.
     extra_covariance
-        Covariance, shape (3, 3) [(W m^-2 sr^-1)^2], of a normal vector that is added to each pixel,
-        independent of the texture; None for no such vector. It may be singular.
+        Covariance, shape (3, 3) [(W m^-2 sr^-1)^2], of a normal vector added to each pixel independently of the
+        texture; None for none. It may be singular.
 
     Raises
     ------
     ValueError
-        If the mean is not physical, or a spread is not one.
+        If the mean or a spread is not physical.
     """
 
     mean_stokes: tuple[float, float, float]
@@ -47,7 +47,7 @@ class Surface:
     def __post_init__(self) -> None:
         refuse_unphysical(np.array(self.mean_stokes, dtype=np.float64).reshape(-1), name="mean_stokes")
         if not 0.0 <= self.texture_rms < np.inf:
-            raise ValueError(f"texture_rms is {self.texture_rms}; it has to be a number of at least 0")
+            raise ValueError(f"texture_rms is {self.texture_rms}; allowed is 0 and above")
         if self.extra_covariance is not None:
             refuse_no_covariance(self.extra_covariance)
 
@@ -67,12 +67,12 @@ def paint_scene(
     width, height
         Size of the picture in pixels.
     background
-        What is seen where no region is.
+        Surface outside the regions.
     regions
         Surfaces with masks of shape (H, W) that are True on them, painted in this order: a later one covers an earlier
         one.
     generator
-        Where texture comes from. The same state gives the same scene.
+        Source of the texture. The same state gives the same scene.
 
     Returns
     -------
@@ -82,8 +82,8 @@ def paint_scene(
     Raises
     ------
     ValueError
-        If a mask has another shape, or a drawn pixel has S0 <= 0 or DoLP > 1: then texture or covariance is too wide
-        for the mean. Nothing is cut off, since that would change the moments.
+        If a mask has another shape, or a drawn pixel has S0 <= 0 or DoLP > 1: texture or covariance is too wide for the
+        mean. Values are not clipped, since that would change the moments.
     """
     radiance = np.empty((3, height, width))
     radiance[...] = _drawn(background, count=width * height, generator=generator).reshape(radiance.shape)
@@ -128,7 +128,7 @@ def _drawn(surface: Surface, *, count: int, generator: np.random.Generator) -> F
         stokes *= 1.0 + surface.texture_rms * generator.standard_normal(count)
     if surface.extra_covariance is not None:
         variances, axes = np.linalg.eigh(surface.extra_covariance)
-        # A singular covariance has eigenvalues that are zero but for rounding.
+        # A singular covariance has eigenvalues of zero to rounding.
         spreads = np.sqrt(np.maximum(variances, 0.0))
         stokes += (axes * spreads) @ generator.standard_normal((3, count))
     return stokes
@@ -151,18 +151,18 @@ class RegionLight:
 
 
 class TexturedScene:
-    """Regions before a background, each pixel with a texture of its own that stays while the light changes.
+    """Regions before a background; the texture of each pixel stays while the light changes.
 
     Parameters
     ----------
     masks
-        Region to where it is, boolean of shape (H, W); a later one covers an earlier one.
+        Boolean masks of shape (H, W) by region; a later one covers an earlier one.
     background_radiance
-        Unpolarised radiance where no region is [W m^-2 sr^-1], > 0.
+        Unpolarised radiance outside the regions [W m^-2 sr^-1], > 0.
     shape
         Height and width in pixels.
     generator
-        Where texture comes from. The same state gives the same scene.
+        Source of the texture. The same state gives the same scene.
     """
 
     def __init__(
@@ -191,21 +191,22 @@ class TexturedScene:
         lights
             Of each region.
         background_share
-            By what the background is multiplied, > 0.
+            Factor of the background, > 0.
 
         Raises
         ------
         ValueError
-            A region has no light, a covariance is none, or a pixel has S0 <= 0 or DoLP > 1: its texture is too wide.
+            A region has no light, a covariance is invalid, or a pixel has S0 <= 0 or DoLP > 1 because its texture is
+            too wide.
 
         Notes
         -----
-        The symmetric root of the covariance makes pixels of their normal numbers: it is one and continuous, so that a
-        slow change of the light moves every pixel slowly. In light whose parts keep their proportion, so do the pixels.
+        Pixels are normal numbers times the symmetric root of the covariance, which is unique and continuous: a slow
+        change of the light changes every pixel slowly, and light of constant proportions keeps those of the pixels.
         """
         missing = sorted(set(self._masks).difference(lights))
         if missing:
-            raise ValueError(f"no light is given of {', '.join(missing)}")
+            raise ValueError(f"no light is given for {', '.join(missing)}")
         radiance = background_share * self._background
         for name, mask in self._masks.items():
             light = lights[name]
@@ -226,15 +227,14 @@ Subject = Literal["scene", "dark", "flat"]
 
 @dataclass(frozen=True, kw_only=True)
 class Polarizer:
-    """The polarizer as it really is, and how it sits on its stage.
+    """The true polarizer and its mounting on the stage.
 
     Parameters
     ----------
     transmittance_along, transmittance_across
-        Share of the power that passes, of light polarised along and across the axis;
-        0 <= across <= along <= 1, and along > 0.
+        Transmitted share of the power polarised along and across the axis; 0 <= across <= along <= 1, and along > 0.
     offset_deg
-        Where the axis points with the stage at 0, counter-clockwise from horizontal as the camera sees it.
+        Direction of the axis with the stage at 0, counter-clockwise from horizontal as the camera sees it.
     sense
         +1 if a growing stage angle turns the axis counter-clockwise as the camera sees it, or -1.
 
@@ -253,13 +253,13 @@ class Polarizer:
         along, across = self.transmittance_along, self.transmittance_across
         if not (0.0 <= across <= along <= 1.0 and along > 0.0):
             raise ValueError(
-                f"transmittance_along is {along} and transmittance_across {across}; "
-                "needed is 0 <= across <= along <= 1 with along > 0"
+                f"transmittance_along is {along} and transmittance_across {across}; allowed is 0 <= across <= along <= "
+                "1 with along > 0"
             )
         if self.sense not in (1, -1):
-            raise ValueError(f"sense is {self.sense}; it has to be 1 or -1")
+            raise ValueError(f"sense is {self.sense}; allowed is 1 or -1")
         if not np.isfinite(self.offset_deg):
-            raise ValueError(f"offset_deg is {self.offset_deg}; it has to be finite")
+            raise ValueError(f"offset_deg is {self.offset_deg}; it must be finite")
 
     def axis_deg(self, *, stage_angle_deg: float) -> float:
         """Return the direction of the transmission axis for a mechanical angle of the stage [deg]."""
@@ -275,13 +275,13 @@ class World:
         Stokes radiance of the scene, shape (3, H, W) [W m^-2 sr^-1, in band], every pixel with S0 > 0 and
         DoLP <= 1. Conventions are those of `sim_devices.world`.
     polarizer
-        The truth about the polarizer. It stays mounted whatever is presented.
+        The true polarizer, always mounted.
     stage_angle_deg
-        Gives the true mechanical angle of the stage at the moment of the call [deg].
+        Returns the present true mechanical angle of the stage [deg].
     pixel_axes_deg
-        Axes of polarizers on the camera's pixels, shape (H, W) [deg]: what a stage would turn is not there then.
+        Axes of polarizers on the camera's pixels, shape (H, W) [deg], in place of one on a stage.
     flat_radiance
-        Unpolarised radiance that "flat" presents in every pixel [W m^-2 sr^-1], > 0.
+        Unpolarised radiance of "flat" in every pixel [W m^-2 sr^-1], > 0.
 
     Raises
     ------
@@ -290,9 +290,9 @@ class World:
 
     Notes
     -----
-    Light of a pixel is kept as an unpolarised part and the amplitude of a linearly polarised part. A perfect
-    polarizer passes half of the former and the squared projection of the latter (Malus), so that no rounding
-    makes a radiance negative.
+    Light of a pixel is stored as an unpolarised part and the amplitude of a linearly polarised part. A perfect
+    polarizer passes half of the former and the squared projection of the latter (Malus), so rounding cannot make a
+    radiance negative.
     """
 
     def __init__(
@@ -305,7 +305,7 @@ class World:
         pixel_axes_deg: FloatArray | None = None,
     ) -> None:
         if not 0.0 < flat_radiance < np.inf:
-            raise ValueError(f"flat_radiance is {flat_radiance} W m^-2 sr^-1; it has to be finite and above 0")
+            raise ValueError(f"flat_radiance is {flat_radiance} W m^-2 sr^-1; it must be finite and above 0")
         self._polarizer = polarizer
         self._stage_angle_deg = stage_angle_deg
         self._pixel_axes_rad = None if pixel_axes_deg is None else np.deg2rad(pixel_axes_deg)
@@ -314,12 +314,12 @@ class World:
         self.show(radiance)
 
     def show(self, radiance: FloatArray) -> None:
-        """Let the scene have another light from now on.
+        """Change the light of the scene.
 
         Parameters
         ----------
         radiance
-            As at the making.
+            As in the constructor.
 
         Raises
         ------
@@ -327,7 +327,7 @@ class World:
             If it is not physical or has another shape.
         """
         if radiance.ndim != 3:
-            raise ValueError(f"radiance has shape {radiance.shape}; it has to be (3, H, W)")
+            raise ValueError(f"radiance has shape {radiance.shape}; it must be (3, H, W)")
         refuse_unphysical(radiance, name="radiance")
         self._unpolarised, self._amplitude_x, self._amplitude_y = _split(radiance)
 
@@ -343,15 +343,15 @@ class World:
         return self._subject
 
     def axis_deg(self) -> float:
-        """Return where the polarizer's axis truly points now, over whole turns: a wedge is no axis [deg]."""
+        """Return the true direction of the polarizer's axis over whole turns, as needed for a wedge [deg]."""
         return self._polarizer.axis_deg(stage_angle_deg=self._stage_angle_deg())
 
     def polarizer_angle_deg(self) -> float:
-        """Return where the transmission axis truly points now, in [0, 180) [deg]."""
+        """Return the true direction of the transmission axis, in [0, 180) [deg]."""
         return self.axis_deg() % 180.0
 
     def present(self, subject: Subject) -> None:
-        """Put something in front of the camera until the next call.
+        """Change the subject in front of the camera.
 
         Parameters
         ----------
@@ -360,11 +360,11 @@ class World:
             front of the polarizer.
         """
         if subject not in ("scene", "dark", "flat"):
-            raise ValueError(f"subject is {subject!r}; it has to be 'scene', 'dark' or 'flat'")
+            raise ValueError(f"subject is {subject!r}; allowed is 'scene', 'dark' or 'flat'")
         self._subject = subject
 
     def radiance_behind_polarizer(self) -> FloatArray:
-        """Return the radiance that enters the lens now, shape (H, W) [W m^-2 sr^-1]."""
+        """Return the radiance at the lens, shape (H, W) [W m^-2 sr^-1]."""
         if self._subject == "dark":
             return np.zeros(self.shape)
         if self._subject == "flat":
@@ -377,7 +377,7 @@ class World:
         return (self._polarizer.transmittance_along + self._polarizer.transmittance_across) / 2.0
 
     def _passed(self, *, axis_rad: FloatArray | np.float64) -> FloatArray:
-        """Return what the polarizer lets through of the scene."""
+        """Return the light of the scene behind the polarizer."""
         cosine, sine = np.cos(axis_rad), np.sin(axis_rad)
         along = cosine * self._amplitude_x + sine * self._amplitude_y
         passed = self._share_of_unpolarised() * self._unpolarised
@@ -394,6 +394,6 @@ def _split(radiance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     polarised = np.hypot(s1, s2)
     direction_rad = np.arctan2(s2, s1) / 2.0
     amplitude = np.sqrt(polarised)
-    # At DoLP = 1 the difference is zero but for rounding; `refuse_unphysical` has seen to the rest.
+    # At DoLP = 1 the difference is zero to rounding; `refuse_unphysical` excludes the rest.
     unpolarised = np.maximum(s0 - polarised, 0.0)
     return unpolarised, amplitude * np.cos(direction_rad), amplitude * np.sin(direction_rad)

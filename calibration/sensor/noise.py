@@ -88,9 +88,7 @@ class Performance:
     dynamic_range: Estimate | None = None  #: saturation over that threshold
     snr_max: Estimate | None = None  #: temporal SNR of a pixel at saturation, square root of its electrons
     dark_current_variance_e_per_s: Estimate | None = None  #: dark current from the growth of the dark variance [e-/s]
-    dark_current_disagreement: float | None = (
-        None  #: dark current from the mean less that from the variance, in standard errors
-    )
+    dark_current_disagreement: float | None = None  #: from mean less from variance, in standard errors
     #: electrons per stated photon; its error does not include that of the photons
     quantum_efficiency: Estimate | None = None
 

@@ -4,8 +4,8 @@ The functions are called through ctypes, so no compiler is needed. Features of G
 Buffers of the stream are lent to libaravis and come back filled.
 
 The camera's clock is latched between two readings of the host's: its offset is known to half the time between these.
-Two such measurements give the rate. A camera whose clock follows a PTP master is believed as far as it reports its
-offset from that master, once its clock shows UTC or TAI at all.
+Two such measurements give the rate. A camera whose clock follows a PTP master is trusted to the offset that it reports,
+if its clock shows UTC or TAI.
 """
 
 import ctypes
@@ -164,7 +164,7 @@ class AravisLibrary:
 
 
 def load_aravis(*, wanted_for: str = "") -> AravisLibrary:
-    """Return libaravis, from where ARAVIS_LIBRARY says or from where the system has it, for a camera of some name."""
+    """Return libaravis from ARAVIS_LIBRARY or from the system; the camera's name is for the message."""
     stated = os.environ.get("ARAVIS_LIBRARY")
     name = stated or "libaravis-0.8.so.0"
     try:
@@ -196,17 +196,17 @@ class GigeFeatures:
         self._library, self._device, self._name = library, device, name
         self.used: dict[str, str] = {}
         self._numbers: dict[str, bool] = {}
-        # Without these, values out of range are taken, and read back as if they had been taken.
+        # Without these, values out of range seem to be accepted.
         library.call("device_set_range_check_policy", device, _ON)
         library.call("device_set_access_check_policy", device, _ON)
 
     def has(self, feature: str) -> bool:
-        """Return whether the camera has this feature, and it can be used now."""
+        """Return whether the camera has this feature and it is available now."""
         with self.told(feature):
             return bool(self._library.call("device_is_feature_available", self._device, feature.encode()))
 
     def first_of(self, *features: str) -> str | None:
-        """Return the first of these that the camera has."""
+        """Return the first of these features that the camera has."""
         return next((feature for feature in features if self.has(feature)), None)
 
     def text(self, feature: str) -> str:
@@ -216,7 +216,7 @@ class GigeFeatures:
         return str(found.decode(errors="replace")) if found is not None else ""
 
     def number(self, feature: str) -> float:
-        """Read a number that may be broken; some cameras have a whole number where the standard has this."""
+        """Read a floating-point number, which some cameras have as an integer."""
         if self._is_counted(feature):
             return float(self.whole(feature))
         with self.told(feature):
@@ -274,25 +274,25 @@ class GigeFeatures:
         return low.value, high.value
 
     def set_text(self, feature: str, value: str) -> None:
-        """Set a list to an entry; refuse it if the camera then has another one."""
+        """Set an enumeration; raise an error if the camera reads back another entry."""
         with self.told(feature):
             self._library.call("device_set_string_feature_value", self._device, feature.encode(), value.encode())
         self._require(feature, asked=value, found=self.text(feature))
 
     def set_whole(self, feature: str, value: int) -> None:
-        """Set a whole number; refuse it if the camera then has another one."""
+        """Set an integer; raise an error if the camera reads back another one."""
         with self.told(feature):
             self._library.call("device_set_integer_feature_value", self._device, feature.encode(), value)
         self._require(feature, asked=value, found=self.whole(feature))
 
     def set_truth(self, feature: str, value: bool) -> None:
-        """Set a yes or no; refuse it if the camera then has the other."""
+        """Set a boolean; raise an error if the camera reads back the other value."""
         with self.told(feature):
             self._library.call("device_set_boolean_feature_value", self._device, feature.encode(), int(value))
         self._require(feature, asked=value, found=self.truth(feature))
 
     def set_number(self, feature: str, value: float, *, relative: float) -> float:
-        """Set a number; return what the camera took, which may be this much off: cameras count in steps."""
+        """Set a number; return the value read back, which may differ by a tolerance because cameras count in steps."""
         with self.told(feature):
             if self._is_counted(feature):
                 self._library.call("device_set_integer_feature_value", self._device, feature.encode(), round(value))
@@ -311,14 +311,14 @@ class GigeFeatures:
 
     @contextmanager
     def told(self, what: str) -> Iterator[None]:
-        """Turn what the library says into an error of the drivers."""
+        """Turn an error of the library into one of the drivers."""
         try:
             yield
         except AravisError as error:
             raise device_error(error, name=self._name, what=what) from error
 
     def _is_counted(self, feature: str) -> bool:
-        """Return whether a number is a whole one: the library reads each kind by a function of its own."""
+        """Return whether a feature is an integer: the library has one function for each kind."""
         if feature in self._numbers:
             return self._numbers[feature]
         try:
@@ -339,14 +339,12 @@ class GigeFeatures:
 
     def _require(self, feature: str, *, asked: object, found: object) -> None:
         if asked != found:
-            raise LimitError(
-                f"{self._name}: {feature} was set to {asked}, and it has {found} now; ask for that instead"
-            )
+            raise LimitError(f"{self._name}: {feature} was set to {asked} and reads back {found}; set that instead")
         self.used[feature] = str(found)
 
 
 def device_error(error: AravisError, *, name: str, what: str) -> DeviceError:
-    """Return the error of the drivers that an error of the library stands for."""
+    """Return the error of the drivers for an error of the library."""
     text = f"{name}: {what}: {error}"
     if not error.is_of_device:
         return LimitError(text)
@@ -356,8 +354,8 @@ def device_error(error: AravisError, *, name: str, what: str) -> DeviceError:
         return NotConnectedError(f"{text}. Another program controls the camera: close that one first")
     if error.code in (_NOT_CONNECTED, _NOT_FOUND):
         return NotConnectedError(
-            f"{text}. Check power, cable and address: `rigctl devices` lists the cameras that answer, and "
-            "`rigctl doctor` looks at the network"
+            f"{text}. Check power, cable and address: `rigctl devices` lists the cameras that answer, `rigctl doctor` "
+            "checks the network"
         )
     return ProtocolError(text)
 
@@ -386,14 +384,14 @@ class Received:
     """A picture as it came in."""
 
     first_packet_utc_ns: int  #: When its first packet came in, by the host's clock [ns since 1970, UTC].
-    #: What is wrong with it; None for a picture that is complete. A damaged one has nothing else.
+    #: The fault of a damaged picture, which has no other content; None for a complete one.
     damage: str | None = None
     data: bytes = b""  #: Its bytes.
-    width: int = 0  #: What it says of itself.
+    width: int = 0  #: Its own description.
     height: int = 0
     pixel_format_code: int = 0
-    frame_id: int = 0  #: The camera's number of it.
-    stamp_ns: int | None = None  #: Its time by the camera's own clock; None where it bears none [ns].
+    frame_id: int = 0  #: Its number from the camera.
+    stamp_ns: int | None = None  #: Its time by the camera's own clock; None without a time stamp [ns].
 
 
 class GigeStream:
@@ -402,7 +400,7 @@ class GigeStream:
     def __init__(self, library: AravisLibrary, camera: int, *, name: str, packet_size: int | None) -> None:
         self._library, self._camera, self._name = library, camera, name
         if packet_size is not None:
-            # The ordinary socket: the packet socket is root's only, and on some interfaces it receives nothing.
+            # The ordinary socket: the packet socket needs root and receives nothing on some interfaces.
             library.call("camera_gv_set_stream_options", camera, _NO_PACKET_SOCKET)
         try:
             self._stream: int | None = library.call("camera_create_stream", camera, None, None)
@@ -410,11 +408,13 @@ class GigeStream:
         except AravisError as error:
             raise device_error(error, name=name, what="stream") from error
         if not self._stream:
-            raise NotConnectedError(f"{name}: no stream of pictures could be made; is another program using it?")
+            raise NotConnectedError(
+                f"{name}: no stream of pictures could be opened; close other programs that use the camera"
+            )
         self._packets_a_picture = 0
         if packet_size is not None:
             # The system's own size holds half a picture, and the library's automatic one is too small for small
-            # pictures. What is asked for here is granted up to net.core.rmem_max.
+            # pictures. The system grants up to net.core.rmem_max.
             size_bytes = max(_PICTURES_IN_SOCKET * payload_bytes, _LEAST_SOCKET_BYTES)
             library.set_integer_property(self._opened(), b"socket-buffer", _SOCKET_BUFFER_FIXED)
             library.set_integer_property(self._opened(), b"socket-buffer-size", size_bytes)
@@ -431,7 +431,7 @@ class GigeStream:
         self._call("camera_stop_acquisition")
 
     def drain(self) -> int:
-        """Give back all pictures that are waiting; return how many they were."""
+        """Return all waiting pictures to the library, and their number to the caller."""
         drained = 0
         while buffer := self._library.call("stream_try_pop_buffer", self._opened()):
             self._library.call("stream_push_buffer", self._opened(), buffer)
@@ -450,10 +450,10 @@ class GigeStream:
             self._library.call("stream_push_buffer", stream, buffer)
 
     def packets(self) -> FrameTally:
-        """Return what became of the packets since the stream was made; nothing of a camera that sends none.
+        """Return the fate of the packets since the stream was opened; all 0 for a camera without packets.
 
-        Of a picture that stays incomplete, libaravis calls everything missing that stands behind the first gap: so
-        each such picture is looked at up to its gap, and shows one loss.
+        libaravis counts all packets behind the first gap of an incomplete picture as missing, so each such picture is
+        read up to its gap and counts as one loss.
         """
         if not self._packets_a_picture or self._stream is None:
             return FrameTally()
@@ -487,7 +487,7 @@ class GigeStream:
             pixel_format_code=self._library.call("buffer_get_image_pixel_format", buffer),
             frame_id=self._library.call("buffer_get_frame_id", buffer),
             first_packet_utc_ns=arrived_ns,
-            # Where the camera tells no frequency of its clock, the library gives the time of arrival for both.
+            # If the camera does not report the frequency of its clock, the library gives the time of arrival for both.
             stamp_ns=None if stamp_ns in (0, arrived_ns) else stamp_ns,
         )
 
@@ -504,10 +504,10 @@ class GigeStream:
 
 
 def loss_told(tally: FrameTally, *, address: str, packet_size: int) -> str:
-    """Return what was measured of the way to a camera, and what to try, as one sentence or two."""
+    """Return the measured loss of packets and advice, in one or two sentences."""
     share = tally.packets_lost / tally.packets if tally.packets else 0.0
     again = (
-        f"{tally.packets_resent} of them came when asked for again"
+        f"{tally.packets_resent} of them came when requested again"
         if tally.packets_resent
         else "the camera sends none of them again"
     )
@@ -517,12 +517,12 @@ def loss_told(tally: FrameTally, *, address: str, packet_size: int) -> str:
     )
     return (
         f"The network loses {100 * share:.2g} %: {tally.packets_lost} of {tally.packets} packets, {again} ({facts}). "
-        "Raise the receive buffer, check cable and switch, let nothing else use the interface; "
-        "`rigctl doctor` measures it"
+        "Raise the receive buffer, check cable and switch, keep other traffic off the interface; `rigctl doctor` "
+        "measures it"
     )
 
 
-# What latches the clock, and where the value is found, by several editions of the standard.
+# Commands that latch the clock and features with its value, in several editions of the standard.
 _LATCHES = (
     ("TimestampLatch", "TimestampLatchValue"),
     ("GevTimestampControlLatch", "GevTimestampValue"),
@@ -534,17 +534,17 @@ _PTP_LATCHES = ("PtpDataSetLatch", "GevIEEE1588DataSetLatch")
 _PTP_STATES = ("PtpStatus", "GevIEEE1588StatusLatched", "GevIEEE1588Status")
 _PTP_OFFSETS = ("PtpOffsetFromMaster", "GevIEEE1588OffsetFromMaster")
 _FOLLOWS = "Slave"
-_TAI_AHEAD_S = 37  # of UTC since 2017; masters give TAI, some of them UTC
+_TAI_AHEAD_S = 37  # TAI - UTC since 2017; masters give TAI, some of them UTC
 _HALF_SECOND_NS = 500_000_000
 
 _NS_HZ = 1_000_000_000
-# From one look to the next: so long, or until what is not known of the rate has come to more than the look's own error.
+# Time between readings: this long, or until the error of the rate exceeds that of a reading.
 _EACH_NS, _GROWN_NS = 10 * 10**9, 50_000
-_REMEMBERED_NS = 600 * 10**9  # longer than that a clock's rate need not stay as it is
-_TRIES = 3  # of a look; the shortest one counts
-_QUARTZ = 1e-4  # by which a rate may be off, until it was measured
+_REMEMBERED_NS = 600 * 10**9  # a clock's rate may change after this time
+_TRIES = 3  # per reading; the shortest counts
+_QUARTZ = 1e-4  # error of a rate before its measurement
 _WANDER = 1e-6  # of a rate that was measured
-_UNIT_BASE_NS = 20_000_000  # from which on two looks tell what the clock counts in
+_UNIT_BASE_NS = 20_000_000  # time between readings that determines the unit of the clock
 _UNIT_TOLERANCE = 0.01
 
 
@@ -552,9 +552,9 @@ _UNIT_TOLERANCE = 0.01
 class PtpState:
     """State of a camera's clock that follows a master."""
 
-    offset_ns: int  #: How far it is from its master, as it says [ns].
-    ahead_s: int  #: How many whole seconds its clock is ahead of UTC: those of TAI, or 0.
-    host_behind_ns: int  #: How far the host's UTC is behind the master's [ns].
+    offset_ns: int  #: Reported offset from its master [ns].
+    ahead_s: int  #: Whole seconds ahead of UTC: those of TAI, or 0.
+    host_behind_ns: int  #: Delay of the host's UTC behind the master's [ns].
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -589,17 +589,17 @@ class CameraClock:
         self.look()
 
     def look(self) -> None:
-        """Hold the camera's clock against the host's, where that was not done lately."""
+        """Compare the camera's clock with the host's, unless this was done recently."""
         if self._latch is None or not self._is_due():
             return
         try:
             self._remember(min((self._look_once(*self._latch) for _ in range(_TRIES)), key=lambda one: one.error_ns))
             self.ptp = self._ptp_state()
         except (LimitError, ProtocolError):
-            self._latch = None  # it has these features and does not grant them
+            self._latch = None  # it has these features but refuses them
 
     def moment_of(self, stamp_ns: int) -> tuple[int, int] | None:
-        """Return when, by the host's monotonic clock, the camera's stood at a stamp, and how far off that may be [ns].
+        """Return the host's monotonic time of a camera's time stamp, and its error [ns].
 
         None where it is not known.
         """
@@ -614,7 +614,7 @@ class CameraClock:
         return last.monotonic_ns + host_ns, error_ns
 
     def told(self) -> str | None:
-        """Return what is known of the clock, for people; None of a camera that tells nothing of it."""
+        """Describe the clock for people; None if the camera does not report it."""
         if self._latch is None or self._hz is None:
             return None
         rate, rate_error = self._rate()
@@ -637,7 +637,7 @@ class CameraClock:
         return _Look(ticks=ticks, monotonic_ns=(before_ns + after_ns) // 2, error_ns=(after_ns - before_ns + 1) // 2)
 
     def _remember(self, look: _Look) -> None:
-        """Take in a look; forget all earlier ones where one of the clocks was set since."""
+        """Add a reading; forget all earlier ones if one of the clocks was set."""
         if self._hz is not None:
             expected = self.moment_of(self._ns(look.ticks))
             if expected is not None and abs(expected[0] - look.monotonic_ns) > expected[1] + look.error_ns:
@@ -649,7 +649,7 @@ class CameraClock:
             self._hz = self._unit()
 
     def _unit(self) -> int | None:
-        """Return what the clock counts in, by how far it went: the standard says nanoseconds, not every camera does."""
+        """Return the unit of the clock from its progress: nanoseconds in the standard, but not in every camera."""
         first, last = self._looks[0], self._looks[-1]
         base_ns = last.monotonic_ns - first.monotonic_ns
         if base_ns < _UNIT_BASE_NS:
@@ -666,7 +666,7 @@ class CameraClock:
         return ticks if self._hz is None else ticks * _NS_HZ // self._hz
 
     def _rate(self) -> tuple[float, float]:
-        """Return by how much the camera's clock is faster than the host's, as a share, and the error of that."""
+        """Return the relative rate of the camera's clock compared with the host's, less 1, and its error."""
         first, last = self._looks[0], self._looks[-1]
         base_ns = last.monotonic_ns - first.monotonic_ns
         if base_ns <= 0:
@@ -677,7 +677,7 @@ class CameraClock:
         return (self._ns(last.ticks) - self._ns(first.ticks)) / base_ns - 1.0, error
 
     def _ptp_state(self) -> PtpState | None:
-        """Return how the clock follows a PTP master; None where it does not, or what it follows is not time of day."""
+        """Return the state of the PTP clock; None if it follows no master with the time of day."""
         features = self._features
         if self._switch is None or not features.truth(self._switch):
             self._ptp_said = "off"

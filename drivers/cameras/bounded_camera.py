@@ -1,9 +1,9 @@
-"""A camera whose calls end in time, whatever its library or the kernel does with them.
+"""A camera whose calls end in time even if its library or the kernel does not return.
 
-A call to a camera that fell silent may wait longer than a session allows: libaravis asks for 2.5 s at each register, a
-request to a video device may not come back at all, and neither can be interrupted. So each call is made in a thread of
-the camera's own. If it does not come back in time, the thread is left behind with the camera, which it closes once the
-call returns. At most one thread a camera is left so: the camera is opened anew only when the earlier call came back.
+A call to a silent camera may wait longer than a session allows: libaravis waits 2.5 s at each register, a request to a
+video device may never return, and neither can be interrupted. So each call runs in the camera's own thread. If it does
+not return in time, thread and camera are abandoned, and the thread closes the camera once the call returns. There is at
+most one such thread per camera: the camera is opened again only after the earlier call returned.
 
 Addresses of cameras have the form ``PLACE?key=value&key=value``.
 """
@@ -32,7 +32,7 @@ def split_place(text: str, readers: Mapping[str, Callable[[str], Any]]) -> tuple
         if key not in readers:
             close = get_close_matches(key, readers, n=1)
             meant = f"; did you mean {close[0]}?" if close else ""
-            problems.append(f"{key!r} is no known key; known are {', '.join(sorted(readers))}{meant}")
+            problems.append(f"{key!r} is not a key; allowed are {', '.join(sorted(readers))}{meant}")
             continue
         try:
             values[key] = readers[key](value)
@@ -44,7 +44,7 @@ def split_place(text: str, readers: Mapping[str, Callable[[str], Any]]) -> tuple
 
 
 def one_of(*allowed: str) -> Callable[[str], str]:
-    """Return a reader of a text that has to be one of these."""
+    """Return a reader of a text that must be one of these."""
 
     def read(value: str) -> str:
         if value not in allowed:
@@ -86,19 +86,19 @@ def yes_or_no(value: str) -> bool:
 
 Result = TypeVar("Result")
 
-_GRACE_S = 0.3  # for a call that ends by itself just at its deadline
+_GRACE_S = 0.3  # for a call that ends at its own deadline
 _OPENING_S = 30.0
 _SETTING_S = 5.0
 _TELLING_S = 3.0
 _CLOSING_S = 2.0
-_SILENT = "It is off, unplugged, or hangs; it is given up, and opened anew once that call has ended"
+_SILENT = "It is off, unplugged, or hangs; it is opened again once that call has ended"
 
 
 class OpenCamera(Camera, ReportingCamera, Protocol):
     """What is called in a thread of its own."""
 
 
-# Calls that were left behind, by the camera's name: the next one that opens it waits for them.
+# Abandoned calls by the camera's name; opening it again waits for them.
 _left: dict[str, Caller] = {}
 
 
@@ -133,7 +133,7 @@ class BoundedCamera:
         self.close()
 
     def identify(self) -> DeviceIdentity:
-        """Return what the camera said of itself when it was opened."""
+        """Return the camera's identity, as read when it was opened."""
         self._refuse_closed()
         return self._identity
 
@@ -143,17 +143,17 @@ class BoundedCamera:
         return self._facts
 
     def tally(self) -> FrameTally:
-        """Return what became of the pictures so far; of a camera that is gone too."""
+        """Return the fate of the pictures so far, even of a lost camera."""
         return self._before if self._camera is None else self._before + self._camera.tally()
 
     def features(self) -> dict[str, str]:
-        """Return what was set, what was found and left, and what it measures."""
+        """Return the camera's settings and its own measurements."""
         self._refuse_closed()
         camera = self._here(deadline_s=self._now_s() + _TELLING_S)
         return self._call(camera.features, within_s=_TELLING_S, what="telling its features")
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
-        """Set exposure and gain; return what was read back."""
+        """Set exposure and gain; return the settings read back."""
         self._refuse_closed()
         camera = self._here(deadline_s=self._now_s() + _SETTING_S)
         self._settings = self._call(
@@ -183,7 +183,7 @@ class BoundedCamera:
         self._before = self.tally()
         self._caller = self._camera = None
         try:
-            # A call that somebody has interrupted is let come to its end, so that the camera is free afterwards.
+            # An interrupted call is allowed to end, so that the camera is free afterwards.
             caller.call(camera.close, within_s=_CLOSING_S + max(0.0, self._busy_until_s - self._now_s()))
         except DeviceError:
             pass  # it was going away
@@ -201,7 +201,7 @@ class BoundedCamera:
         return self._camera
 
     def _here(self, *, deadline_s: float) -> OpenCamera:
-        """Return the camera, opened anew with its settings where it was given up."""
+        """Return the camera, opened again with its settings if it was abandoned."""
         if self._camera is None:
             self._open(deadline_s=deadline_s)
             self._restore(deadline_s=deadline_s)
@@ -232,19 +232,21 @@ class BoundedCamera:
             raise
 
     def _restore(self, *, deadline_s: float) -> None:
-        """Make the camera what it was before it was given up."""
+        """Restore the camera as it was before it was abandoned."""
         camera = self._opened()
         within_s = max(0.0, deadline_s - self._now_s()) + _GRACE_S
         if camera.identify() != self._identity:
             self.close()
-            raise NotConnectedError(f"{self._name}: what came back is {camera.identify()}, and it was {self._identity}")
+            raise NotConnectedError(
+                f"{self._name}: after opening it again it is {camera.identify()}; it was {self._identity}"
+            )
         if self._asked is not None:
             exposure_s, gain_db = self._asked
             found = self._call(
                 lambda: camera.configure(exposure_s=exposure_s, gain_db=gain_db), within_s=within_s, what="setting it"
             )
             if found != self._settings:
-                raise LimitError(f"{self._name}: it came back, and is now {found} instead of {self._settings}")
+                raise LimitError(f"{self._name}: after opening it again it has {found} instead of {self._settings}")
         self._first_number = self._last_number
         self._before += FrameTally(reopened=1)
 
@@ -276,7 +278,7 @@ class BoundedCamera:
 
 
 def _do_nothing() -> None:
-    """Return: a thread ends with nothing left to do."""
+    """Do nothing: the last task of a thread."""
 
 
 def _close_all(cameras: list[OpenCamera]) -> None:
@@ -300,5 +302,5 @@ class Asked:
 def asked_now(*, now_ns: Callable[[], int] = time.monotonic_ns, utc_ns: Callable[[], int] = time.time_ns) -> Asked:
     """Return this moment."""
     before_ns, utc, after_ns = now_ns(), utc_ns(), now_ns()
-    # The earlier one: no exposure that was asked for then is taken for an older one.
+    # The earlier one, so that no requested exposure counts as older.
     return Asked(utc_ns=utc, monotonic_ns=before_ns, error_ns=after_ns - before_ns)

@@ -20,30 +20,29 @@ _LOOK_S = 0.02
 _EXPOSURE_TOLERANCE = 0.02  # exposures in files are rounded
 _LONGEST_EXPOSURE_S = 3600.0
 _FILE_BITS = 16
-# 2 bytes for each of more pixels than any sensor has; a PNG says its width and height in bytes 16 to 24.
+# 2 bytes per pixel of the largest sensor; a PNG has width and height in bytes 16 to 24.
 _MOST_BYTES = 268_000_000
 _PNG, _PNG_HEADER, _PNG_SIZE = b"\x89PNG", 24, struct.Struct(">II")
-# So few values may be multiples of something by chance, as in a picture of the dark.
+# So few values may have a common factor by chance, as in a dark picture.
 _FEW_VALUES = 16
 
 # Length and last change of a file.
 _Looks = dict[Path, tuple[int, int]]
 
 
-# Counts, bits of the camera, and the exposure [s] where the file tells it.
+# Counts, bits of the camera, and the exposure [s] if the file states it.
 _Still = tuple[NDArray[np.uint16], int, float | None]
 
 
 class FolderCamera:
-    """A camera that is run by another program, which writes a file for every picture; `open_folder` makes one.
+    """A camera run by another program that writes a file for every picture; `open_folder` makes one.
 
-    `configure` changes nothing on the camera: it says what the person at that program has set. Where files tell their
-    exposure, another one than that is refused; where they do not, it is believed.
+    `configure` changes nothing on the camera: it states the settings of that program. If files state their exposure,
+    another one is refused; otherwise the configured one is assumed.
 
-    A file counts as a picture of after the call if its last change, minus the exposure, is after the call. So the two
-    machines' clocks have to agree where the folder is on another one, and a program that takes long to write a file
-    may pass off a picture as later than it was by so long. A file is read when it can be, and is as long and as old as
-    at the last look.
+    A picture was exposed after the call if the last change of its file, minus the exposure, is after the call. So the
+    clock of a machine that serves the folder must agree with this one, and a slow program may make a picture seem later
+    than it was. A file is read once its size and time have not changed since the last look.
 
     Parameters
     ----------
@@ -52,9 +51,9 @@ class FolderCamera:
     plane : str or None
         Colour of RAW files.
     bit_depth : int or None
-        Bits of the camera; needed for PNG and TIFF, which do not tell.
+        Bits of the camera; needed for PNG and TIFF, which do not state them.
     justified : {"right", "left"}
-        At which end of 16 bits the samples of PNG and TIFF stand.
+        End of the 16 bits at which the samples of PNG and TIFF are.
     """
 
     def __init__(
@@ -85,15 +84,15 @@ class FolderCamera:
         self.close()
 
     def identify(self) -> DeviceIdentity:
-        """Return the folder: which camera fills it cannot be known."""
+        """Return the folder, since the camera that fills it is unknown."""
         self._refuse_closed()
         return DeviceIdentity(model="files of another program", serial_number=str(self._folder), firmware="none")
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
-        """Note what the camera was set to by its own program; gain must be 0, since nothing is known of it."""
+        """Note the camera's settings in its own program; gain must be 0, since it is not known."""
         self._refuse_closed()
         if not 0.0 < exposure_s <= _LONGEST_EXPOSURE_S:
-            raise LimitError(f"{self._name}: exposure_s is {exposure_s} s; it has to be above 0 and at most 3600 s")
+            raise LimitError(f"{self._name}: exposure_s is {exposure_s} s; allowed is above 0, up to 3600 s")
         if gain_db != 0.0:
             raise LimitError(f"{self._name}: gain_db is {gain_db} dB; set it in the camera's own program, and 0 here")
         self._exposure_s = exposure_s
@@ -104,11 +103,11 @@ class FolderCamera:
         return self._tally
 
     def facts(self) -> CameraFacts:
-        """Return what is known of the files: what the camera's own program does to pictures is not."""
+        """Return the facts about the files; the processing by the camera's own program is not known."""
         return CameraFacts(sample_format="files", justified=self._justified, linear=None)
 
     def features(self) -> dict[str, str]:
-        """Return which colour is taken, where files have several."""
+        """Return the chosen colour, if files have several."""
         return {} if self._plane is None else {"plane": self._plane}
 
     def take_frame(self, *, timeout_s: float) -> Frame:
@@ -134,12 +133,12 @@ class FolderCamera:
         if damage is not None:
             raise damage
         raise DeviceTimeoutError(
-            f"{self._name}: no new picture appeared within {timeout_s} s. Is the camera's own program saving "
-            f"({', '.join(sorted(_SUFFIXES))})? Are its clock and this one alike?"
+            f"{self._name}: no new picture appeared within {timeout_s} s. Let the camera's own program save pictures "
+            f"({', '.join(sorted(_SUFFIXES))}), and check that its clock agrees with this one"
         )
 
     def close(self) -> None:
-        """Look at the folder no more. May be called twice."""
+        """Stop watching the folder. May be called twice."""
         self._open = False
 
     @property
@@ -151,23 +150,23 @@ class FolderCamera:
             raise NotConnectedError(f"{self._name}: it was closed; open it again")
 
     def _files(self) -> list[Path]:
-        # Names that begin with a point are those of files under way, and of other systems.
+        # Names that begin with a dot are of unfinished files and of other systems.
         there = (path for path in self._folder.iterdir() if not path.name.startswith("."))
         return [path for path in there if path.suffix.lower() in _SUFFIXES and path.is_file()]
 
     def _size_of_last(self) -> tuple[int, int, int]:
-        """Return width, height and bits of the newest picture there is; all there are count as seen."""
+        """Return width, height and bits of the newest picture; all present ones count as seen."""
         there = sorted(self._files(), key=_age)
         if not there:
             raise NotConnectedError(
-                f"{self._name}: no picture is in the folder; take one there first, which tells the size of all"
+                f"{self._name}: no picture is in the folder; take one first, which gives the size of all"
             )
         self._seen = {path.name for path in there}
         counts, bit_depth, _ = self._read(there[-1])
         return counts.shape[1], counts.shape[0], bit_depth
 
     def _left_alone(self, looks: "_Looks") -> list[Path]:
-        """Return new files that nobody wrote to since the last look, oldest first; note how all are."""
+        """Return new files that have not changed since the last look, oldest first; note the state of all."""
         new = sorted((path for path in self._files() if path.name not in self._seen), key=_age)
         before = dict(looks)
         looks.update({path: (path.stat().st_size, path.stat().st_mtime_ns) for path in new})
@@ -191,7 +190,7 @@ class FolderCamera:
             raw = read_raw(path, plane=self._plane)
             return raw.counts, self._stated_bits or raw.bit_depth, raw.exposure_s
         if self._stated_bits is None:
-            raise LimitError(f"{self._name}: {path.name} does not tell its bits; state bit_depth=N in the address")
+            raise LimitError(f"{self._name}: {path.name} does not state its bit depth; add bit_depth=N to the address")
         counts = _right_justified(_grey(path), path, bit_depth=self._stated_bits, justified=self._justified)
         return counts, self._stated_bits, None
 
@@ -216,14 +215,14 @@ class FolderCamera:
             off = abs(exposure_s - self._exposure_s)
             if off > _EXPOSURE_TOLERANCE * self._exposure_s:
                 raise LimitError(
-                    f"{self._name}: {path.name} was exposed {exposure_s:g} s, and {self._exposure_s:g} s is "
-                    "wanted: set the camera's own program to that"
+                    f"{self._name}: {path.name} was exposed {exposure_s:g} s instead of {self._exposure_s:g} s: set "
+                    "this in the camera's own program"
                 )
         height, width = counts.shape
         if (width, height, bit_depth) != (self._width, self._height, self._bit_depth):
             raise ProtocolError(
-                f"{self._name}: {path.name} has {width} x {height} pixels of {bit_depth} bits, and those before "
-                f"had {self._width} x {self._height} of {self._bit_depth}"
+                f"{self._name}: {path.name} has {width} x {height} pixels of {bit_depth} bits; earlier ones had "
+                f"{self._width} x {self._height} of {self._bit_depth}"
             )
         if int(counts.max()) >= 2**bit_depth:
             raise ProtocolError(f"{self._name}: {path.name} has counts above {bit_depth} bits")
@@ -232,7 +231,7 @@ class FolderCamera:
 def _right_justified(
     counts: NDArray[np.uint16], path: Path, *, bit_depth: int, justified: Justified
 ) -> NDArray[np.uint16]:
-    """Return counts at the right end; refuse those that stand at the other end than is stated."""
+    """Return right-justified counts; refuse those that are not justified as stated."""
     used = int(np.bitwise_or.reduce(counts, axis=None))
     unused_low = (used & -used).bit_length() - 1 if used else 0
     if justified == "left":
@@ -245,8 +244,8 @@ def _right_justified(
         return np.right_shift(counts, np.uint16(spare))
     if unused_low and len(np.unique(counts)) > _FEW_VALUES:
         raise ProtocolError(
-            f"{path}: all samples are multiples of {2**unused_low}: they stand at the left end of their {_FILE_BITS} "
-            f"bits; state bit_depth={_FILE_BITS - unused_low}&justified=left in the address"
+            f"{path}: all samples are multiples of {2**unused_low}: they are left-justified in {_FILE_BITS} bits; add "
+            f"bit_depth={_FILE_BITS - unused_low}&justified=left to the address"
         )
     return counts
 
@@ -271,7 +270,7 @@ def open_folder(place: str) -> FolderCamera:
 
 
 def _grey(path: Path) -> NDArray[np.uint16]:
-    import cv2  # slow to import, and wanted for PNG and TIFF only
+    import cv2  # slow to import, and needed for PNG and TIFF only
 
     data = _bounded(path)
     pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

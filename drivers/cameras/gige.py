@@ -52,7 +52,7 @@ from drivers.network_path import path_mtu
 
 Trigger = Literal["software", "free"]
 Link = Literal["gige", "usb3", "any"]
-"""How the camera is reached; "any" is whatever libaravis finds under a name."""
+"""How the camera is reached; "any" is any camera that libaravis finds under the name."""
 _PACKET_BYTES = (576, 16384)
 _NAMES: dict[Link, str] = {"gige": "GigE camera", "usb3": "USB3 camera", "any": "camera"}
 _AUTOMATIC = ("ExposureAuto", "GainAuto", "BlackLevelAuto", "BalanceWhiteAuto", "ContrastAuto")
@@ -60,7 +60,7 @@ _PROCESSING = ("GammaEnable", "LUTEnable", "SharpnessEnable", "NoiseReductionEna
 _GAMMA = "Gamma"
 _EXPOSURE = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
 _EXPOSURE_RAW, _EXPOSURE_UNIT = "ExposureTimeRaw", "ExposureTimeBaseAbs"
-# What some send behind their pixels.
+# Payload with data behind the pixels.
 _CHUNKS = "ChunkModeActive"
 _GAIN, _GAIN_RAW = "Gain", "GainRaw"
 # Makers whose GainRaw counts dB.
@@ -69,7 +69,7 @@ _BEST_FIRST = ("Mono14", "Mono12", "Mono12p", "Mono12Packed", "Mono10", "Mono10p
 _RATE = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 _RATE_TOLERANCE = 0.01
 _ETHERNET_MTU = 1500
-# Where a camera limits what it takes of its line [bytes/s]: by the standard's name, or by Prosilica's.
+# Features that limit the data rate [bytes/s]: the standard's, and Prosilica's.
 _BANDWIDTH, _BANDWIDTH_MODE = ("DeviceLinkThroughputLimit", "StreamBytesPerSecond"), "DeviceLinkThroughputLimitMode"
 _GIGABIT_NS_PER_BYTE, _PAUSE_TOLERANCE = 8.0, 0.05
 _PROTOCOLS: dict[Link, tuple[bytes, ...]] = {
@@ -78,25 +78,25 @@ _PROTOCOLS: dict[Link, tuple[bytes, ...]] = {
     "any": (b"GigEVision", b"USB3Vision", b"Fake"),
 }
 _NETWORK = "GigEVision"
-_IN_LIBRARY = "Fake"  # cameras that the library simulates within this program, and lists only when told to
+_IN_LIBRARY = "Fake"  # cameras simulated by the library, which lists them on request
 _EXPOSURE_TOLERANCE = 0.01
-_PACKET_SIZES = (9000, 8192, 4096, 1500)  # that are tried where the largest is asked for
+_PACKET_SIZES = (9000, 8192, 4096, 1500)  # sizes tried by "probe"
 _US_PER_S = 1e6
 _LARGEST_SHORT_ID = 65535
 _TRIGGER: StartSource = "trigger"
 _ARRIVAL: StartSource = "arrival"
 _FIRST_EXPOSURE_S = 0.01
 _PROBE_TIMEOUT_S = 5.0
-_PROBE_PICTURE_S, _PROBE_PICTURES = 1.5, 2  # for each size of packets that is tried; the first picture may be damaged
+_PROBE_PICTURE_S, _PROBE_PICTURES = 1.5, 2  # per size; the first picture may be damaged
 _REOPENINGS = 3  # in one picture
-_LOOK_S = 0.2  # how often a wait looks whether the camera is still there
-_DELIVERY_S = 1.0  # beyond exposure (and frame period): a picture that takes longer does not come any more
-# Cell of Sony's sensors with polarizers (IMX250MZR, IMX253MZR), which the formats with this word in their names are of.
+_LOOK_S = 0.2  # period of checks for a lost camera
+_DELIVERY_S = 1.0  # beyond exposure (and frame period); later pictures do not come
+# Cell of Sony's sensors with polarizers (IMX250MZR, IMX253MZR), for formats with this word in their names.
 _SENSOR_CELL_DEG = (90.0, 45.0, 135.0, 0.0)
 _THERMOMETERS = ("SensorTemperature", "DeviceTemperature")
 _NO_PICTURES = (
-    "If no picture ever comes, a firewall may hold back the stream (UDP), or packets are larger than the network "
-    "carries: `rigctl doctor` tells"
+    "If no picture ever comes, a firewall may block the stream (UDP), or packets are too large for the network: "
+    "`rigctl doctor` checks this"
 )
 
 
@@ -107,34 +107,34 @@ class GigeOptions:
     place: str  #: IP address, serial number, or name.
     link: Link = "gige"  #: How it is reached.
     pixel_format: str | None = None  #: As PFNC names it.
-    plane: Plane | None = None  #: What is taken of a Bayer format: see `drivers.cameras.samples`.
+    plane: Plane | None = None  #: Plane of a Bayer format: see `drivers.cameras.samples`.
     width: int | None = None  #: Size of the region [pixels after binning].
     height: int | None = None
     offset_x: int = 0  #: Its first column and row.
     offset_y: int = 0
     binning: int = 1  #: Pixels that are added, in both directions.
-    #: The camera mirrors its pictures. A mirrored picture changes the sign of the angle of polarization: this is for
-    #: undoing a mirror in the path of light.
+    #: The camera mirrors its pictures, to undo a mirror in the path of light: it changes the sign of polarization
+    #: angles.
     reverse_x: bool = False
     reverse_y: bool = False
     black_level_dn: int | None = None  #: The camera's own black level setting.
-    #: Each picture is asked for, or the camera runs by itself and pictures that began too early are thrown away.
+    #: Each picture is requested, or the camera runs freely and pictures that began too early are dropped.
     trigger: Trigger = "software"
-    frame_rate_hz: float = 20.0  #: Where it runs by itself.
+    frame_rate_hz: float = 20.0  #: If it runs freely.
     #: Bytes of a packet with all its headers; at most what the interface sends in one piece. "probe": the largest with
     #: which a whole picture comes.
     packet_size: int | Literal["probe"] | None = None
-    #: How much of the line the camera may take, where several share it [MB/s].
+    #: Data rate of the camera if several share a line [MB/s].
     bandwidth_mb_per_s: float | None = None
-    bit_depth: int | None = None  #: True bits of a sample where the format has room for more, as Mono16 has.
-    justified: Justified = "right"  #: Where these bits stand, which byte comes first.
+    bit_depth: int | None = None  #: True bits of a sample if the format has more, such as Mono16.
+    justified: Justified = "right"  #: Position of these bits, and order of the bytes.
     byte_order: ByteOrder = "little"
-    #: What a step of an exposure is that the camera counts without telling in what [us].
+    #: Step of an exposure that the camera counts without a unit [us].
     exposure_step_us: float | None = None
-    #: What a step of the camera's whole-numbered gain is [dB], where its maker is not one that is known.
+    #: Step of an integer gain [dB], if the maker is not known.
     gain_step_db: float | None = None
     ptp: bool | None = None  #: Whether the camera's clock follows a PTP master; None: as it was found.
-    retakes: int = 20  #: How often a damaged picture is taken again before that is an error.
+    retakes: int = 20  #: Most retakes of a damaged picture.
 
     @property
     def camera_name(self) -> str:
@@ -166,7 +166,7 @@ def open_usb3(place: str) -> BoundedCamera:
 
 
 def open_aravis(place: str) -> BoundedCamera:
-    """Return whatever camera libaravis knows by a name, such as ``Fake_1``, which it simulates.
+    """Return the camera that libaravis knows by a name, such as its simulation ``Fake_1``.
 
     Raises as `open_gige`.
     """
@@ -174,13 +174,13 @@ def open_aravis(place: str) -> BoundedCamera:
 
 
 def read_gige_place(text: str, *, link: Link = "gige") -> GigeOptions:
-    """Return what ``PLACE?key=value&...`` says; see `GigeOptions` for the keys."""
+    """Return the options in ``PLACE?key=value&...``; see `GigeOptions` for the keys."""
     place, values = split_place(text, _READERS)
     return GigeOptions(place=place, link=link, **values)
 
 
 def find_gige() -> Iterator[tuple[str, DeviceIdentity]]:
-    """Give address and identity of each GigE Vision camera that answers a call to all; none is opened.
+    """Yield address and identity of each GigE Vision camera that answers a broadcast; none is opened.
 
     Raises
     ------
@@ -190,13 +190,13 @@ def find_gige() -> Iterator[tuple[str, DeviceIdentity]]:
     for camera in _find_cameras(load_aravis()):
         yield (
             f"gige:{camera.address}",
-            # What firmware it has it tells only to whoever opens it.
+            # The firmware is known only after opening.
             DeviceIdentity(model=camera.name, serial_number=camera.serial_number, firmware="not asked"),
         )
 
 
 def find_usb3() -> Iterator[tuple[str, DeviceIdentity]]:
-    """Give address and identity of each USB3 Vision camera that is plugged in; none is opened.
+    """Yield address and identity of each connected USB3 Vision camera; none is opened.
 
     Raises
     ------
@@ -261,7 +261,7 @@ class _FoundCamera:
 
 
 def _find_cameras(library: AravisLibrary, *, link: Link = "gige") -> list[_FoundCamera]:
-    """Return the cameras of a kind that answer a call to all; it takes about a second."""
+    """Return the cameras of a kind that answer a broadcast, in about a second."""
     library.call("update_device_list")
     return [
         _FoundCamera(
@@ -276,7 +276,7 @@ def _find_cameras(library: AravisLibrary, *, link: Link = "gige") -> list[_Found
 
 
 def _device_of(library: AravisLibrary, options: GigeOptions) -> str:
-    """Return what the library is to open: an IP address of a camera on the network, else the library's name of it."""
+    """Return the name for the library: the IP address of a camera on the network, else the library's own name."""
     if options.link == "gige":
         return _address_of(library, options.place)
     if options.link == "any" and options.place.startswith(_IN_LIBRARY):
@@ -287,7 +287,7 @@ def _device_of(library: AravisLibrary, options: GigeOptions) -> str:
         if options.place in (camera.serial_number, camera.name, camera.address):
             return camera.address if camera.protocol == _NETWORK else camera.name
     there = ", ".join(f"{c.name} (serial {c.serial_number}, {c.protocol})" for c in found) or "none"
-    advice = " A USB camera needs power, a USB 3 port, and to be yours to use (docs/cameras.md)" * (not found)
+    advice = " A USB camera needs power, a USB 3 port, and the right to use it (docs/cameras.md)" * (not found)
     raise NotConnectedError(
         f"{options.camera_name}: no camera of this serial number or name answers; found: {there}.{advice}"
     )
@@ -296,8 +296,8 @@ def _device_of(library: AravisLibrary, options: GigeOptions) -> str:
 def _address_of(library: AravisLibrary, place: str) -> str:
     """Return the IP address of a camera that is given by address, serial number or name.
 
-    A camera is always opened by its address: opened by name, it may be reached through another interface than the
-    one that its pictures come through, and then none come.
+    A camera is always opened by its address: opened by name, it may be reached through another interface than its
+    pictures, and then none come.
     """
     try:
         return str(ipaddress.ip_address(place))
@@ -315,18 +315,18 @@ class GigeSetup:
     """Settings of a camera that is set up."""
 
     pixel_format: PixelFormat  #: Of its samples.
-    pixel_format_code: int  #: The number that each picture bears.
+    pixel_format_code: int  #: Number of each picture.
     sent_width: int  #: Size of the pictures that it sends.
     sent_height: int
     width: int  #: Of counts: half as large, and of more bits, where several colours are summed.
     height: int
     bit_depth: int
-    plane: Plane | None  #: What is taken of a mosaic of colours.
-    linear: bool | None  #: What bends counts is off; None where the camera has nothing of that kind to be asked for.
+    plane: Plane | None  #: Plane of a mosaic of colours.
+    linear: bool | None  #: True if all nonlinear processing is off; None if the camera reports none.
     exposure_feature: str  #: The camera's own name of the exposure.
-    exposure_step_us: float  #: What a step of it is [us]; 1 where it is in microseconds.
+    exposure_step_us: float  #: Its step [us]; 1 if it is in microseconds.
     gain_feature: str | None  #: The camera's own name of the gain; None for a camera that has none.
-    gain_step_db: float | None  #: What a step of it is [dB]; None where it is in dB and need not be whole.
+    gain_step_db: float | None  #: Its step [dB]; None if it is a floating-point number in dB.
 
 
 class GigeLink:
@@ -372,7 +372,7 @@ class GigeLink:
         return self._stream
 
     def is_controlled(self) -> bool:
-        """Return whether the camera still answers, and to us; after a loss this takes about 5 s to be seen."""
+        """Return whether the camera still answers us; a loss is noticed after about 5 s."""
         if self._is_network:
             return bool(self._library.call("gv_device_is_controller", self._device))
         try:
@@ -382,24 +382,24 @@ class GigeLink:
         return True
 
     def set_packet_size(self, asked: int | None) -> None:
-        """Set how large packets are, before the stream is started; None: as every Ethernet carries them."""
+        """Set the size of packets before the stream starts; None: the size that every Ethernet carries."""
         self.packet_size = _set_packet_size(
             self._library, self._opened(), self.features, address=self._place, asked=asked
         )
 
     def packet_sizes(self) -> tuple[int, ...]:
-        """Return sizes that the interface to the camera sends in one piece, the largest first."""
+        """Return packet sizes that the interface to the camera sends unfragmented, largest first."""
         mtu = path_mtu(self._place)
         return tuple(size for size in _PACKET_SIZES if size <= mtu)
 
     def packets(self) -> FrameTally:
-        """Return what became of the packets of all pictures since the camera was opened."""
+        """Return the fate of the packets of all pictures since the camera was opened."""
         return self._packets if self._stream is None else self._packets + self._stream.packets()
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
-        """Set exposure and gain; return what was read back. A refusal changes nothing."""
+        """Set exposure and gain; return the settings read back. A refusal changes nothing."""
         setup = self.setup
-        # Rounded to a picosecond: cameras cut off what is less than a step, and 29.999... would become 29.
+        # Rounded to a picosecond: cameras truncate to a step, and 29.999... would become 29.
         exposure = self._exposure_steps(exposure_s)
         gain = self._gain_steps(gain_db)
         self.features.set_number(setup.exposure_feature, exposure, relative=_EXPOSURE_TOLERANCE)
@@ -421,7 +421,7 @@ class GigeLink:
         )
 
     def restart(self) -> None:
-        """Stop what runs, give up the stream with all that waits in it, and start a new one."""
+        """Stop the acquisition, drop the stream with all waiting pictures, and start a new one."""
         if self._stream is not None:
             self._stream.stop()
             self._give_up_stream()
@@ -429,7 +429,7 @@ class GigeLink:
         self._stream.start()
 
     def close(self, *, answers: bool) -> None:
-        """Give up the camera; stop its acquisition first if it answers. May be called twice."""
+        """Release the camera; stop its acquisition first if it answers. May be called twice."""
         try:
             if answers and self._stream is not None and self._camera is not None:
                 self._stream.stop()
@@ -451,7 +451,7 @@ class GigeLink:
         return self._camera
 
     def _exposure_steps(self, exposure_s: float) -> float:
-        """Return the value that the camera's exposure is to be set to, in steps of its own."""
+        """Return the value for the camera's exposure, in its own steps."""
         setup = self.setup
         steps = round(exposure_s * _US_PER_S / setup.exposure_step_us, 6)
         if setup.exposure_step_us == 1.0:
@@ -474,11 +474,11 @@ class GigeLink:
         return self.features.whole(setup.gain_feature) * setup.gain_step_db
 
     def _gain_steps(self, gain_db: float) -> float | int | None:
-        """Return the value that the camera's gain is to be set to: whole where it counts steps."""
+        """Return the value for the camera's gain, whole if it counts steps."""
         setup = self.setup
         if setup.gain_feature is None:
             if gain_db != 0.0:
-                raise LimitError(f"{self.name}: gain_db is {gain_db} dB; it has no gain to set, ask for 0")
+                raise LimitError(f"{self.name}: gain_db is {gain_db} dB; it has no gain setting; use 0")
             return None
         if setup.gain_step_db is None:
             return self._within_limits(setup.gain_feature, gain_db, "dB")
@@ -499,18 +499,18 @@ class GigeLink:
 
 
 class _FrameNumbers:
-    """Numbers that grow as the camera's own do: 65535 is followed by 1, and a restart begins anew."""
+    """Growing numbers of pictures, although the camera's own go from 65535 to 1 and restart with it."""
 
     def __init__(self) -> None:
         self.last_id: int | None = None
         self._sequence = 0
 
     def forget(self) -> None:
-        """Expect no number of the camera's: it may have lost pictures, or begun anew."""
+        """Accept any next number, because the camera may have lost pictures or restarted."""
         self.last_id = None
 
     def of(self, frame_id: int) -> int:
-        """Return the number of a picture to which the camera gave this one."""
+        """Return the growing number of a picture for the camera's own."""
         last, self.last_id = self.last_id, frame_id
         advance = 1 if last is None else frame_id - last
         self._sequence += advance if advance > 0 else advance + _LARGEST_SHORT_ID
@@ -518,16 +518,15 @@ class _FrameNumbers:
 
 
 class GigeCamera:
-    """A camera that is open; `open_gige`, `open_usb3` and `open_aravis` make one, and see to its deadlines.
+    """An open camera; `open_gige`, `open_usb3` and `open_aravis` make one and enforce its deadlines.
 
-    A picture is taken at a software trigger after the call, or, where the camera runs by itself, accepted only if the
-    host received its first packet so late that its exposure began after the call: by one exposure and one frame
-    period at least. What a camera with a memory of its own sends late cannot be known in that mode.
+    A picture is taken at a software trigger after the call. If the camera runs freely, a picture is accepted only if
+    its first packet came at least one exposure and one frame period after the call; pictures delayed in the camera's
+    own memory cannot be recognised in this mode.
 
-    Damaged pictures are taken again. If the camera is lost, or was restarted, or has other settings than it was given,
-    the connection is made anew with all settings, within the time that the caller allows. Each call of the
-    library to a camera that is silent takes 2.5 s, and giving it up takes five: by so much a deadline may be passed
-    here; `BoundedCamera` does not wait for it.
+    Damaged pictures are taken again. If the camera is lost, restarted or has other settings, it is connected again with
+    all settings, within the time that the caller allows. A call to a silent camera takes 2.5 s and releasing it five,
+    by which a deadline may be exceeded here; `BoundedCamera` does not wait for it.
     """
 
     def __init__(
@@ -548,7 +547,7 @@ class GigeCamera:
             if options.packet_size == "probe" and self._link.packet_size is not None:
                 self._options = replace(options, packet_size=self._largest_packets(self._link))
             self._link.restart()
-            self.take_frame(timeout_s=_PROBE_TIMEOUT_S)  # the first one is often damaged, and a firewall shows here
+            self.take_frame(timeout_s=_PROBE_TIMEOUT_S)  # the first one is often damaged; this also reveals a firewall
         except BaseException:
             self.close()
             raise
@@ -570,11 +569,11 @@ class GigeCamera:
         return self._settings
 
     def tally(self) -> FrameTally:
-        """Return what became of the pictures and of their packets so far."""
+        """Return the fate of the pictures and their packets so far."""
         return self._tally + self._packets()
 
     def facts(self) -> CameraFacts:
-        """Return how its samples come, and whether all that bends them is off."""
+        """Return the format of its samples, and whether all nonlinear processing is off."""
         setup = self._opened().setup
         pixel_format = setup.pixel_format
         return CameraFacts(
@@ -586,7 +585,7 @@ class GigeCamera:
         )
 
     def features(self) -> dict[str, str]:
-        """Return what was written to the camera, under its own names, and its temperature where it tells it."""
+        """Return the camera's settings under its own names, and its temperature if it reports one."""
         link = self._opened()
         used = dict(link.features.used) | ({} if link.setup.plane is None else {"plane": link.setup.plane})
         for feature in filter(link.features.has, _THERMOMETERS):
@@ -599,8 +598,8 @@ class GigeCamera:
         self._opened()
         if self._settings.exposure_s > timeout_s:
             raise DeviceTimeoutError(
-                f"{self._name}: no picture within {timeout_s} s, since the exposure is {self._settings.exposure_s} s; "
-                "allow more time or expose shorter"
+                f"{self._name}: no picture within {timeout_s} s at an exposure of {self._settings.exposure_s} s; allow "
+                "more time or expose shorter"
             )
         deadline_s = self._now_s() + timeout_s
         reopenings, damaged = 0, 0
@@ -624,10 +623,10 @@ class GigeCamera:
             try:
                 link.close(answers=link.is_controlled())
             except DeviceError:
-                link.close(answers=False)  # it was already going away; there is nothing left to stop
+                link.close(answers=False)  # already closing; nothing is left to stop
 
     def _largest_packets(self, link: GigeLink) -> int:
-        """Return the largest size of packets with which a whole picture comes; the camera has it then."""
+        """Set and return the largest packet size with which a whole picture comes."""
         sizes = link.packet_sizes()
         for size in sizes[:-1]:
             link.set_packet_size(size)
@@ -651,7 +650,7 @@ class GigeCamera:
         return self._link
 
     def _attempt(self, deadline_s: float) -> Frame | None:
-        """Take one picture; return None if it was damaged or did not come, after which another may be asked for."""
+        """Take one picture; return None if it was damaged or did not come."""
         link = self._opened()
         link.stream.drain()
         asked = asked_now()
@@ -659,13 +658,13 @@ class GigeCamera:
             link.features.execute("TriggerSoftware")
         received = self._await_picture(asked, deadline_s)
         if received is None:
-            # It may come yet. A new stream cannot take it for an answer to the next trigger.
+            # It may still come. A new stream cannot mistake it for the answer to the next trigger.
             self._tally += FrameTally(never_came=1)
             self._numbers.forget()
             link.restart()
             return None
         if asked.was_clock_set(asked_now()):
-            return None  # then its time of arrival says nothing
+            return None  # then its time of arrival is meaningless
         if received.damage is not None:
             self._tally += FrameTally(damaged=1)
             return None
@@ -682,7 +681,7 @@ class GigeCamera:
         )
 
     def _await_picture(self, asked: Asked, deadline_s: float) -> Received | None:
-        """Return the first picture that began after it was asked for; None if none comes."""
+        """Return the first picture that began after the request; None if none comes."""
         link = self._opened()
         oldest_utc_ns = asked.utc_ns + self._earliest_arrival_ns()
         patience_s = self._settings.exposure_s + _DELIVERY_S + self._earliest_arrival_ns() / 1e9
@@ -691,7 +690,9 @@ class GigeCamera:
             received = link.stream.receive(timeout_s=min(left_s, _LOOK_S))
             if received is None:
                 if not link.is_controlled():
-                    raise NotConnectedError(f"{self._name}: control of it was lost: it is off, restarted, or unplugged")
+                    raise NotConnectedError(
+                        f"{self._name}: control was lost: the camera is off, restarted, or unplugged"
+                    )
                 continue
             if received.first_packet_utc_ns >= oldest_utc_ns:
                 return received
@@ -699,7 +700,7 @@ class GigeCamera:
         return None
 
     def _earliest_arrival_ns(self) -> int:
-        """Return how long after it was asked for a picture must have come in, for its exposure to have begun after."""
+        """Return the least delay of arrival for a picture exposed after the request."""
         if self._options.trigger == "software":
             return 0
         return round((self._settings.exposure_s + 1.0 / self._options.frame_rate_hz) * 1e9)
@@ -708,8 +709,7 @@ class GigeCamera:
         found = link.settings()
         if found != self._settings:
             raise NotConnectedError(
-                f"{self._name}: it is set to {found}, not to {self._settings}: it was restarted, or another program "
-                "has changed it"
+                f"{self._name}: it has {found} instead of {self._settings}: it restarted, or another program changed it"
             )
 
     def _refuse_too_many(self, damaged: int, *, deadline_s: float) -> None:
@@ -724,16 +724,16 @@ class GigeCamera:
             )
 
     def _loss(self) -> str:
-        """Return what was measured of the way to the camera, and what to try."""
+        """Return the measured loss on the way to the camera, and advice."""
         packet_size = self._opened().packet_size
         if packet_size is None:
-            return "Check the cable and the USB hub, and let nothing else use this bus"
+            return "Check the cable and the USB hub, and keep other devices off this bus"
         return loss_told(
             self._packets(), address=_address_of(self._library, self._options.place), packet_size=packet_size
         )
 
     def _reopen(self, cause: DeviceError, *, deadline_s: float, may: bool) -> None:
-        """Make the connection anew, with all settings as they were."""
+        """Connect again, with all settings as they were."""
         self._give_up()
         while may and self._now_s() < deadline_s:
             try:
@@ -760,10 +760,12 @@ class GigeCamera:
 
     def _restore(self, link: GigeLink) -> None:
         if link.identity != self._identity:
-            raise NotConnectedError(f"{self._name}: what came back is {link.identity}, and it was {self._identity}")
+            raise NotConnectedError(
+                f"{self._name}: after connecting again it is {link.identity}; it was {self._identity}"
+            )
         restored = link.configure(exposure_s=self._settings.exposure_s, gain_db=self._settings.gain_db)
         if restored != self._settings:
-            raise LimitError(f"{self._name}: it came back, and is now {restored} instead of {self._settings}")
+            raise LimitError(f"{self._name}: after connecting again it has {restored} instead of {self._settings}")
         link.restart()
 
 
@@ -791,7 +793,7 @@ def _text(library: AravisLibrary, name: str, index: int) -> str:
 
 
 def _set_up(features: GigeFeatures, options: GigeOptions) -> GigeSetup:
-    """Write everything but exposure and gain; return what the camera then is."""
+    """Write all settings except exposure and gain; return the resulting setup."""
     linear = _switch_off(features)
     sent = _set_region(features, options)
     pixel_format, code = _set_pixel_format(features, options)
@@ -802,7 +804,7 @@ def _set_up(features: GigeFeatures, options: GigeOptions) -> GigeSetup:
     _set_trigger(features, options)
     exposure_feature = features.first_of(*_EXPOSURE)
     if exposure_feature is None:
-        raise LimitError(f"{options.place}: it has no exposure that is known ({', '.join(_EXPOSURE)})")
+        raise LimitError(f"{options.place}: it has no known exposure feature ({', '.join(_EXPOSURE)})")
     gain_feature = features.first_of(_GAIN, _GAIN_RAW)
     return GigeSetup(
         pixel_format=pixel_format,
@@ -822,7 +824,7 @@ def _set_up(features: GigeFeatures, options: GigeOptions) -> GigeSetup:
 
 
 def _switch_off(features: GigeFeatures) -> bool | None:
-    """Switch off what changes pictures without being told to; return whether it had something that bends counts."""
+    """Switch off automatic functions and processing; return whether it has nonlinear processing."""
     for feature in filter(features.has, _AUTOMATIC):
         features.set_text(feature, "Off")
     processing = [feature for feature in _PROCESSING if features.has(feature)]
@@ -845,7 +847,7 @@ def _set_region(features: GigeFeatures, options: GigeOptions) -> tuple[int, int]
             features.set_whole(feature, options.binning)
         elif options.binning != 1:
             raise LimitError(f"{options.place}: it cannot bin ({feature})")
-    # A region can only grow while it begins at the corner.
+    # A region can only grow if it begins at the corner.
     for feature in ("OffsetX", "OffsetY"):
         features.set_whole(feature, 0)
     size = [
@@ -868,7 +870,7 @@ def _set_length(features: GigeFeatures, feature: str, asked: int | None, offset:
     _, most = features.whole_limits(feature)
     length = most - offset if asked is None else asked
     if length + offset > most:
-        raise LimitError(f"{feature} {length} and offset {offset} are more than the camera has, {most}")
+        raise LimitError(f"{feature} {length} and offset {offset} together exceed the camera's {most}")
     features.set_whole(feature, length)
     return length
 
@@ -880,7 +882,7 @@ def _set_pixel_format(features: GigeFeatures, options: GigeOptions) -> tuple[Pix
         raise LimitError(f"{options.place}: pixel format {name}: the camera offers {', '.join(offered)}")
     features.set_text("PixelFormat", name)
     code = features.whole("PixelFormat") & 0xFFFFFFFF
-    # Makers' own numbers are not known all, and their names say it.
+    # Not all numbers of makers are known, but their names are.
     known = polarized_format(name) or GENICAM.get(code)
     if known is None:
         names = ", ".join(fmt.name for fmt in GENICAM.values())
@@ -892,13 +894,13 @@ def _set_pixel_format(features: GigeFeatures, options: GigeOptions) -> tuple[Pix
 
 
 def _refuse_moved_mosaic(options: GigeOptions) -> None:
-    """Refuse what moves the mosaic's cell: what a camera then calls its format differs from maker to maker."""
+    """Refuse settings that move the mosaic's cell, after which makers name the format differently."""
     if options.offset_x % 2 or options.offset_y % 2 or options.reverse_x or options.reverse_y or options.binning != 1:
         raise LimitError(f"{options.place}: the cell of a mosaic needs even offsets, no mirroring and no binning")
 
 
 def _set_black_level(features: GigeFeatures, options: GigeOptions) -> None:
-    """Set the black level if asked to, and write down what it is."""
+    """Set the black level if requested, and record it."""
     feature = features.first_of("BlackLevelRaw", "BlackLevel")
     if options.black_level_dn is not None:
         if feature is None:
@@ -933,14 +935,14 @@ def _set_trigger(features: GigeFeatures, options: GigeOptions) -> None:
 
 
 def _exposure_step_us(features: GigeFeatures, options: GigeOptions) -> float:
-    """Return what the camera counts its exposure in."""
+    """Return the unit of the camera's exposure."""
     if options.exposure_step_us is not None:
         return options.exposure_step_us
     if features.has(_EXPOSURE_UNIT):
         return features.number(_EXPOSURE_UNIT)
     raise LimitError(
-        f"{options.place}: it counts its exposure in steps ({_EXPOSURE_RAW}) and does not tell of what; state "
-        "exposure_step_us=X in its address"
+        f"{options.place}: it counts its exposure in steps ({_EXPOSURE_RAW}) without a unit; add exposure_step_us=X to "
+        "its address"
     )
 
 
@@ -951,21 +953,20 @@ def _gain_step_db(features: GigeFeatures, options: GigeOptions) -> float:
     if maker.lower().startswith(_RAW_IS_DB):
         return 1.0
     raise LimitError(
-        f"{options.place}: nothing is known of what a step of GainRaw is for cameras of {maker}; state gain_step_db=X "
-        "in its address"
+        f"{options.place}: the step of GainRaw is not known for cameras of {maker}; add gain_step_db=X to its address"
     )
 
 
 def _set_packet_size(
     library: AravisLibrary, camera: int, features: GigeFeatures, *, address: str, asked: int | None
 ) -> int:
-    """Set how large packets are: what was asked for, or what every Ethernet carries; return what it is [bytes]."""
+    """Set the size of packets as requested, or as every Ethernet carries them; return it [bytes]."""
     mtu = path_mtu(address)
     size = asked or min(mtu, _ETHERNET_MTU)
     if size > mtu:
         raise LimitError(
-            f"{address}: packet_size is {size} bytes, and the interface to the camera carries {mtu}. Ask for less, or "
-            " raise the MTU of the interface and of every switch between"
+            f"{address}: packet_size is {size} bytes, and the interface to the camera carries {mtu}. Use less, or  "
+            "raise the MTU of the interface and of every switch between"
         )
     with features.told("packet size"):
         library.call("camera_gv_set_packet_size", camera, size)
@@ -977,7 +978,7 @@ def _set_packet_size(
 def _set_bandwidth(
     library: AravisLibrary, camera: int, features: GigeFeatures, *, asked_mb_per_s: float, packet_size: int | None
 ) -> None:
-    """Let the camera take a part of its line only, by a limit of its own, or by pauses between packets."""
+    """Limit the camera's share of its line, by its own limit or by pauses between packets."""
     limit = features.first_of(*_BANDWIDTH)
     if limit is not None:
         if features.has(_BANDWIDTH_MODE):
@@ -992,15 +993,15 @@ def _set_bandwidth(
         taken_ns = int(library.call("camera_gv_get_packet_delay", camera))
     if abs(taken_ns - pause_ns) > _PAUSE_TOLERANCE * pause_ns:
         raise LimitError(
-            f"its packets were to be {pause_ns} ns apart, for {asked_mb_per_s:g} MB/s, and are {taken_ns} ns apart: "
-            "it cannot share its line, leave bandwidth_mb_per_s out"
+            f"its packets are {taken_ns} ns apart instead of {pause_ns} ns, for {asked_mb_per_s:g} MB/s: it cannot "
+            "share its line; leave out bandwidth_mb_per_s"
         )
     features.used["GevSCPD"] = f"{taken_ns} ns"
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Start:
-    """Start of an exposure: by the host's clocks, by how much it may be off, and by what it was found [ns]."""
+    """Start of an exposure by the host's clocks, its error and its source [ns]."""
 
     monotonic_ns: int
     utc_ns: int
@@ -1020,10 +1021,9 @@ def frame_of(
 ) -> Frame:
     """Return a whole picture as a frame.
 
-    The exposure begins when the picture's own time stamp says, if the camera's clock can be held against the host's.
-    Else that of a camera that is triggered is taken to begin at the trigger, and cannot have begun later than an
-    exposure before the first packet came in; of one that runs by itself, an exposure before its first packet, and not
-    earlier than a period before that.
+    The exposure begins at the picture's time stamp if the camera's clock can be compared with the host's. Otherwise
+    that of a triggered camera begins at the trigger, at the latest an exposure before the first packet; that of a
+    freely running one begins an exposure before its first packet, at the earliest a period before that.
     """
     exposure_ns = round(settings.exposure_s * 1e9)
     start = _start_of(received, exposure_ns, asked, None if free_period_s is None else round(free_period_s * 1e9))
@@ -1041,7 +1041,7 @@ def frame_of(
 
 
 def _start_of(received: Received, exposure_ns: int, asked: Asked, free_period_ns: int | None) -> _Start:
-    """Return when an exposure began, by the host alone."""
+    """Return the start of an exposure from the host's clocks alone."""
     latest_ns = received.first_packet_utc_ns - asked.utc_ns - exposure_ns
     if free_period_ns is None:
         delay_ns, error_ns, source = 0, max(0, latest_ns), _TRIGGER
@@ -1056,10 +1056,10 @@ def _start_of(received: Received, exposure_ns: int, asked: Asked, free_period_ns
 
 
 def _by_stamp(received: Received, start: _Start, exposure_ns: int, asked: Asked, clock: CameraClock) -> _Start:
-    """Return a start by the camera's clock, where the picture's stamp lies in the time in which it must have begun.
+    """Return a start by the camera's clock, if the picture's stamp lies within the possible time.
 
-    Cameras stamp the beginning of an exposure, and some its end. A stamp that can only be one of them is taken as
-    that. Where it can be both, the start is between, and known to half an exposure more.
+    Cameras stamp the beginning of an exposure, some its end. If a stamp can be either, the start is taken half-way
+    between, with half an exposure more of error.
     """
     moment = None if received.stamp_ns is None else clock.moment_of(received.stamp_ns)
     if moment is None:
@@ -1096,7 +1096,7 @@ def _counts(received: Received, setup: GigeSetup) -> NDArray[np.uint16]:
     sent = (received.width, received.height, received.pixel_format_code)
     if sent != (setup.sent_width, setup.sent_height, setup.pixel_format_code):
         raise ProtocolError(
-            f"the camera sent a picture of {sent[0]} x {sent[1]} pixels in format {sent[2]:#010x}, and was set to "
+            f"the camera sent a picture of {sent[0]} x {sent[1]} pixels in format {sent[2]:#010x} instead of "
             f"{setup.sent_width} x {setup.sent_height} in {setup.pixel_format.name}"
         )
     counts = unpack(received.data, pixel_format=setup.pixel_format, width=sent[0], height=sent[1])

@@ -1,4 +1,4 @@
-"""RAW files of still cameras (DNG, NEF, CR2, ...): the samples as they left the sensor, and what is said of them."""
+"""RAW files of still cameras (DNG, NEF, CR2, ...): the samples of the sensor, and their description."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ RAW_SUFFIXES = frozenset(
 )
 
 _COLOURS = b"RGBG"
-_LINEAR_MONO = 6  # what LibRaw has for the pattern of a picture without a colour mosaic
+_LINEAR_MONO = 6  # LibRaw's pattern of a picture without a colour mosaic
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,18 +26,18 @@ class RawPicture:
     Attributes
     ----------
     counts : (H, W) array of uint16
-        Samples as stored, black level and all; of one colour every second pixel of every second row. Of a sum, and of
-        all colours where their black levels differ: see `read_raw`.
+        Samples as stored, with the black level; of one colour every second pixel of every second row. For sums, and for
+        colours of different black levels, see `read_raw`.
     black_level_dn : float
         Of these counts, by the file.
     white_level_dn : int
         Largest count of the format, by the file; of a sum, that of all its samples. Pixels may saturate below.
     exposure_s : float or None
-        None where the file does not tell.
+        None if the file does not state it.
     iso : float or None
-        Setting of the gain; None where the file does not tell.
+        Setting of the gain; None if the file does not state it.
     flip : int
-        How the camera was held, by LibRaw's number; 0 is upright. Rows and columns are the sensor's, not turned.
+        Orientation of the camera, LibRaw's number; 0 is upright. Rows and columns are the sensor's, not turned.
     """
 
     counts: NDArray[np.uint16]
@@ -68,17 +68,17 @@ def read_raw(path: Path, *, plane: Plane | None) -> RawPicture:
     Raises
     ------
     LimitError
-        The colour is not said, or not there; or the colours' black levels differ by other than whole counts, so that
-        the whole mosaic cannot have one.
+        The colour is missing or does not exist, or the black levels of the colours do not differ by whole counts, so
+        the mosaic cannot have a single one.
     ProtocolError
-        The file is empty, damaged, or no RAW file; or its pattern of colours is not the usual one.
+        The file is empty, damaged, or no RAW file; or its pattern of colours is unusual.
 
     Notes
     -----
-    Where the colours of "all" have different black levels, those with a lower one are raised to the highest, so that
-    one black level holds for all; counts stop at the white level, and so many are lost below it.
+    If the colours of "all" have different black levels, lower ones are raised to the highest; counts are limited to the
+    white level.
     """
-    import rawpy  # only whoever has RAW files needs it
+    import rawpy  # needed for RAW files only
 
     if not path.is_file() or path.stat().st_size == 0:
         raise ProtocolError(f"{path}: there is no such file, or nothing is in it")
@@ -86,7 +86,7 @@ def read_raw(path: Path, *, plane: Plane | None) -> RawPicture:
         with rawpy.imread(str(path)) as raw:
             return _picture(path, raw, plane)
     except rawpy.LibRawError as error:
-        raise ProtocolError(f"{path}: is damaged, cut short, or no RAW file that LibRaw knows ({error})") from error
+        raise ProtocolError(f"{path}: is damaged, truncated, or not a RAW file known to LibRaw ({error})") from error
 
 
 def _picture(path: Path, raw: Any, plane: Plane | None) -> RawPicture:
@@ -99,7 +99,7 @@ def _picture(path: Path, raw: Any, plane: Plane | None) -> RawPicture:
             raise LimitError(f"{path}: has no colours, so there is no plane {plane!r}")
         black_level_dn = blacks[0]
     elif plane is None:
-        raise LimitError(f"{path}: has a mosaic of colours; say which plane: {', '.join(PLANES)}")
+        raise LimitError(f"{path}: has a mosaic of colours; choose a plane: {', '.join(PLANES)}")
     elif plane == "all":
         black_level_dn = max(blacks)
         counts = _levelled(path, counts, pattern, blacks, white=int(raw.white_level))
@@ -119,15 +119,15 @@ def _pattern(path: Path, raw: Any) -> NDArray[np.uint8] | None:
     """Return the mosaic's 2 x 2 cell by number of colour; None for a camera without one."""
     pattern = raw.raw_pattern
     if raw.raw_image_visible.ndim != 2:
-        raise ProtocolError(f"{path}: has several samples a pixel: it is no RAW file but a finished picture")
+        raise ProtocolError(f"{path}: has several samples per pixel: it is a finished picture, not a RAW file")
     if pattern is not None and pattern.size == 1 and pattern[0, 0] in (0, _LINEAR_MONO):
         return None
     usual = pattern is not None and pattern.shape == (2, 2) and sorted(pattern.ravel()) == [0, 1, 2, 3]
     if not usual or raw.color_desc != _COLOURS:
         shown = None if pattern is None else pattern.tolist()
         raise ProtocolError(
-            f"{path}: its pattern of colours is {shown} of {raw.color_desc!r}, and only 2 x 2 of red, green, blue, "
-            "green is read"
+            f"{path}: its pattern of colours is {shown} of {raw.color_desc!r}, and only 2 x 2 cells of red, green, "
+            "blue, green can be read"
         )
     return np.asarray(pattern, dtype=np.uint8)
 
@@ -143,14 +143,14 @@ def _levelled(
         raise LimitError(f"{path}: its colours have the black levels {blacks}; take one colour at a time")
     height, width = counts.shape
     lifts = np.tile(lift.astype(np.uint32), (height // 2 + 1, width // 2 + 1))[:height, :width]
-    # A sample that was saturated stays so, and stays what it was.
+    # Saturated samples stay unchanged.
     return np.where(counts >= white, counts, np.minimum(counts + lifts, white)).astype(np.uint16)
 
 
 def _plane(
     raw: Any, pattern: NDArray[np.uint8], plane: bayer.Plane, blacks: list[float]
 ) -> tuple[NDArray[np.uint16], float, int]:
-    """Return counts of a plane, its black level, and of how many samples each count is the sum."""
+    """Return counts of a plane, its black level, and the number of samples summed in each count."""
     cell = "".join("RGBG"[index] for index in pattern.ravel())
     places, white = bayer.places_of(plane, cell=cell), int(raw.white_level)
     counts = bayer.take_plane(
@@ -165,5 +165,5 @@ def _plane(
 
 
 def _stated(value: float) -> float | None:
-    """Return a value that the file has; LibRaw has 0 for one that is missing."""
+    """Return a value of the file; None for 0, LibRaw's value for missing ones."""
     return float(value) if value > 0 else None

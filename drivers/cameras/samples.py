@@ -1,4 +1,4 @@
-"""From the bytes that a camera sends to whole counts: plain, shifted, packed, and one colour of a mosaic.
+"""Bytes of a camera to counts: plain, shifted, packed, and one colour of a mosaic.
 
 Formats are known by the numbers of GigE Vision (PFNC) and the letters of V4L2.
 """
@@ -16,7 +16,7 @@ from drivers.errors import LimitError, ProtocolError
 ByteOrder = Literal["little", "big"]
 Justified = Literal["right", "left"]
 
-# What is worked on stays in the processor's cache: a third of the time of a whole picture at once.
+# Fits into the processor's cache, which takes a third of the time of a whole picture.
 _GROUPS_AT_A_TIME = 32768
 
 
@@ -24,10 +24,10 @@ _GROUPS_AT_A_TIME = 32768
 class Packing:
     """Samples that share bytes."""
 
-    group_bytes: int  #: How many bytes hold how many samples.
+    group_bytes: int  #: Bytes and samples of a group.
     group_pixels: Literal[2, 4]
-    #: Where the bits go: these bits of this byte, shifted left so far, are part of a word in which the samples of a
-    #: group stand side by side, 16 bits each, the first one lowest.
+    #: Moves of bits: (byte, bits, shift to the left) into a word with the samples of a group, 16 bits each, the first
+    #: lowest.
     moves: tuple[tuple[int, int, int], ...]
 
 
@@ -35,14 +35,14 @@ class Packing:
 class PixelFormat:
     """Layout of a camera's samples in bytes."""
 
-    name: str  #: As the camera's own standard calls it.
+    name: str  #: As in the camera's own standard.
     bit_depth: int  #: Bits that a sample has.
-    sample_bytes: Literal[1, 2] = 2  #: Bytes of a sample that shares none.
+    sample_bytes: Literal[1, 2] = 2  #: Bytes of an unpacked sample.
     byte_order: ByteOrder = "little"  #: Of samples of two bytes.
-    justified: Justified = "right"  #: At which end of its bytes an unpacked sample stands.
-    packing: Packing | None = None  #: Where samples share bytes.
+    justified: Justified = "right"  #: End of its bytes at which an unpacked sample is.
+    packing: Packing | None = None  #: If samples share bytes.
     cell: str | None = None  #: Colours of the mosaic's cell of 2 x 2 samples, row by row; None for grey.
-    is_polarized: bool = False  #: Its samples stand behind polarizers, four angles in a cell of 2 x 2.
+    is_polarized: bool = False  #: Its samples are behind polarizers, four angles in a cell of 2 x 2.
 
 
 def unpack(
@@ -53,7 +53,7 @@ def unpack(
     height: int,
     row_bytes: int | None = None,
 ) -> NDArray[np.uint16]:
-    """Return the counts of a picture, right-justified, in an array of its own.
+    """Return the counts of a picture, right-justified, in a new array.
 
     The last group of packed samples may be cut short after the last byte that holds a bit of a sample.
     """
@@ -67,7 +67,7 @@ def unpack(
 
 
 def needed_bytes(pixel_format: PixelFormat, *, samples: int) -> int:
-    """Return the fewest bytes that hold this many samples in a row."""
+    """Return the fewest bytes for this many samples."""
     packing = pixel_format.packing
     if packing is None:
         return samples * pixel_format.sample_bytes
@@ -78,7 +78,7 @@ def needed_bytes(pixel_format: PixelFormat, *, samples: int) -> int:
 
 
 def _rows(stream: NDArray[np.uint8], *, row_bytes: int, height: int) -> list[NDArray[np.uint8]]:
-    # The last row may lack the padding that the others have.
+    # The last row may lack padding.
     return [stream[row * row_bytes : (row + 1) * row_bytes] for row in range(height)]
 
 
@@ -86,8 +86,8 @@ def _samples(stream: NDArray[np.uint8], pixel_format: PixelFormat, count: int) -
     needed = needed_bytes(pixel_format, samples=count)
     if stream.size < needed:
         raise ProtocolError(
-            f"{pixel_format.name}: {stream.size} bytes came, and {count} samples take {needed}: the picture is cut "
-            "short, or of another format or size than stated"
+            f"{pixel_format.name}: {stream.size} bytes came, and {count} samples need {needed}: the picture is "
+            "truncated, or has another format or size than stated"
         )
     if pixel_format.packing is None:
         order = "<" if pixel_format.byte_order == "little" else ">"
@@ -96,7 +96,7 @@ def _samples(stream: NDArray[np.uint8], pixel_format: PixelFormat, count: int) -
 
 
 def _spread(stream: NDArray[np.uint8], packing: Packing, count: int) -> NDArray[np.uint16]:
-    """Return samples of 16 bits out of packed ones: whole columns of bytes at a time, a word for each group."""
+    """Return samples of 16 bits from packed ones: whole columns of bytes at a time, one word per group."""
     size = -(-count // packing.group_pixels) * packing.group_bytes
     if stream.size < size:
         stream = np.concatenate([stream, np.zeros(size - stream.size, np.uint8)])
@@ -134,7 +134,7 @@ def _right_justified(counts: NDArray[np.uint16], pixel_format: PixelFormat) -> N
 
 
 def _stream(bits: int, pixels: int, *, first_byte: int = 0) -> tuple[tuple[int, int, int], ...]:
-    """Return the moves of samples of so many bits that follow each other in a stream, the lowest bit first."""
+    """Return the moves of consecutive samples in a stream, lowest bit first."""
     moves = []
     for byte in range(bits * pixels // 8):
         for pixel in range(8 * byte // bits, (8 * byte + 7) // bits + 1):
@@ -201,8 +201,8 @@ _POLARIZED_NAME = re.compile(r"Polariz(?:e|ed)(?:Mono)?(\d+(?:p|Packed)?)")
 def polarized_format(name: str) -> PixelFormat | None:
     """Return a format of samples behind polarizers by its name, such as PolarizeMono12p or Polarized8; else None.
 
-    Its samples stand as those of the Mono format of the same ending. Formats of computed pictures, such as
-    PolarizedDolp_Mono8, are none of these.
+    Its samples are arranged as in the Mono format of the same ending. Formats of computed pictures, such as
+    PolarizedDolp_Mono8, do not belong.
     """
     found = _POLARIZED_NAME.fullmatch(name)
     grey = None if found is None else next((f for f in _GREY.values() if f.name == f"Mono{found[1]}"), None)
@@ -277,12 +277,12 @@ _MOST_DN = 65535
 
 
 def samples_of(plane: Plane) -> int:
-    """Return how many samples make a pixel of a plane: 1, 2 or 4."""
+    """Return the number of samples per pixel of a plane: 1, 2 or 4."""
     return len(_SUMMED.get(plane, (plane,)))
 
 
 def places_of(plane: Plane, *, cell: str) -> tuple[tuple[int, int], ...]:
-    """Return row and column within a cell, such as "RGGB", of each sample that makes a pixel of a plane."""
+    """Return row and column within a cell, such as "RGGB", of each sample of a plane."""
     red, blue = divmod(cell.index("R"), 2), divmod(cell.index("B"), 2)
     places = {"red": red, "blue": blue, "green-1": (red[0], 1 - red[1]), "green-2": (blue[0], 1 - blue[1])}
     return tuple(places[colour] for colour in _SUMMED.get(plane, (plane,)))
@@ -293,8 +293,8 @@ def bit_depth_of(plane: Plane, *, bit_depth: int) -> int:
     depth = bit_depth + (samples_of(plane) - 1).bit_length()
     if depth > 16:
         raise LimitError(
-            f"plane {plane}: a sum of {samples_of(plane)} samples of {bit_depth} bits takes {depth}, and counts have "
-            "16 at most; take one colour, or state the true bit_depth where samples have fewer"
+            f"plane {plane}: a sum of {samples_of(plane)} samples of {bit_depth} bits needs {depth}, and counts have "
+            "at most 16; take one colour, or state the true bit_depth if samples have fewer"
         )
     return depth
 
@@ -302,17 +302,17 @@ def bit_depth_of(plane: Plane, *, bit_depth: int) -> int:
 def take_plane(
     counts: NDArray[np.uint16], *, cell: str, plane: Plane, saturation_dn: int, saturated_as_dn: int
 ) -> NDArray[np.uint16]:
-    """Return a plane of a mosaic, in an array of its own.
+    """Return a plane of a mosaic, in a new array.
 
-    A sum loses the colours, and range: where light fills one colour's sample, the others' light in this cell is lost
-    with it, since the sum is known no more. Its variance is the sum of the samples' variances.
+    A sum loses the colours, and range: if one colour saturates, the sum of its cell is unknown. Its variance is the sum
+    of the samples' variances.
     """
     parts = [counts[row::2, column::2] for row, column in places_of(plane, cell=cell)]
     if len(parts) == 1:
         return parts[0].copy()
     if saturated_as_dn > _MOST_DN:
         raise LimitError(
-            f"plane {plane}: sums go up to {saturated_as_dn} DN, and counts to {_MOST_DN}: take one colour"
+            f"plane {plane}: sums reach {saturated_as_dn} DN, and counts {_MOST_DN} at most: take one colour"
         )
     height, width = counts.shape[0] // 2, counts.shape[1] // 2
     total = np.zeros((height, width), dtype=np.uint32)
@@ -327,7 +327,7 @@ def take_plane(
 def counts_of_picture(
     counts: NDArray[np.uint16], *, pixel_format: PixelFormat, plane: Plane | None
 ) -> NDArray[np.uint16]:
-    """Return the wanted plane of a camera's picture; the picture itself where it has no colours."""
+    """Return the chosen plane of a picture; the picture itself if it has no colours."""
     if pixel_format.cell is None or plane is None:
         return counts
     return take_plane(
@@ -340,12 +340,12 @@ def counts_of_picture(
 
 
 def size_of_counts(pixel_format: PixelFormat, *, plane: Plane | None, width: int, height: int) -> tuple[int, int, int]:
-    """Return width, height and bits of the counts that a camera's pictures of a size are made into."""
+    """Return width, height and bits of the counts for a camera's picture size."""
     if pixel_format.cell is None and plane is None:
         return width, height, pixel_format.bit_depth
     if pixel_format.cell is None or plane is None:
         wanted = "|".join(PLANES)
-        raise LimitError(f"pixel format {pixel_format.name}: plane={wanted} goes with a Bayer format, and only there")
+        raise LimitError(f"pixel format {pixel_format.name}: plane={wanted} is for Bayer formats only")
     width, height = plane_size(width=width, height=height, cell=pixel_format.cell, plane=plane)
     return width, height, bit_depth_of(plane, bit_depth=pixel_format.bit_depth)
 

@@ -1,7 +1,7 @@
 """Cameras of Linux's video interface (V4L2), driven by its own requests, on 64-bit little-endian Linux.
 
-Structures, the device with its memory, controls (everything automatic off, exposure and gain read back), time stamps,
-options of an address, the camera, and finding devices with the format in which each is best read.
+In this order: structures, the device with its memory, controls, time stamps, options of an address, the camera, and the
+search for devices with their best format.
 """
 
 import ctypes
@@ -195,18 +195,18 @@ AUTOMATIC = {
     0x009A090C: 0,  # focus
 }
 # Other controls that may change counts: brightness, contrast, gamma, sharpness, backlight compensation. The standard
-# does not say which value of each changes nothing.
+# defines no neutral values.
 PROCESSING = (0x00980900, 0x00980901, 0x00980910, 0x0098091B, 0x0098091C)
 _BIG_END, _BIG_END_BIT = "_BE", 1 << 31
 _STAMP_STEP_NS = 1000
-# A stamp from here on is no time since the machine was started: the time of day, in 2001.
+# Later stamps are the time of day (from 2001) and not the time since the machine was started.
 _TIME_OF_DAY_NS = 10**18
 _EXPOSURE_STEP_S = 100e-6
 _BUFFERS = 4
 _FIRST_EXPOSURE_S = 0.01
 _DEVICES = Path("/dev")
 _PATTERN = "video*"
-# Most bits first, but for formats that pad fewer bits to 16 and do not tell how many.
+# Most bits first, except formats that pad an unknown number of bits to 16.
 _BEST_FIRST = ("Y14 ", "Y12 ", "Y12P", "Y10 ", "Y10P", "Y16 ", "GREY")
 _MOST_FORMATS = 100
 
@@ -281,15 +281,15 @@ class V4l2Options:
     """Content of an address ``/dev/video0?key=value``."""
 
     path: str  #: The device file.
-    pixel_format: str = "Y12"  #: Its four letters, without the space at the end that some have.
-    width: int | None = None  #: Size of a picture; None: as the device has it.
+    pixel_format: str = "Y12"  #: Its four letters, without the trailing space.
+    width: int | None = None  #: Size of a picture; None: the device's own.
     height: int | None = None
     plane: Plane | None = None  #: Colour of a Bayer format: see `drivers.cameras.samples`.
-    bit_depth: int | None = None  #: Bits in use, if a format of 16 bits uses fewer.
-    justified: Justified = "right"  #: Which end of the 16 bits they fill.
-    #: "none": the device has none; the configured exposure is the one that was set by other means.
+    bit_depth: int | None = None  #: Bits in use, if fewer than the format's 16.
+    justified: Justified = "right"  #: End of the 16 bits that they fill.
+    #: "none": the device has no control, and the configured exposure was set by other means.
     exposure_control: str = "device"
-    #: Size of a step of the gain [dB]. None: unknown; the gain is then the smallest, which is called 0 dB.
+    #: Step of the gain [dB]. None: unknown; the gain is then the smallest, called 0 dB.
     gain_step_db: float | None = None
     retakes: int = 20  #: Largest number of damaged pictures in a row; more are an error.
 
@@ -304,7 +304,7 @@ def open_v4l2(place: str) -> BoundedCamera:
     NotConnectedError
         It is not there, in use, or no camera.
     LimitError
-        It cannot be set to what the address says.
+        It does not allow the settings in the address.
     """
     options = read_v4l2_place(place)
     return BoundedCamera(lambda: _open(options), name=f"video device {options.path}")
@@ -315,7 +315,7 @@ def find_v4l2(
 ) -> Iterator[tuple[str, DeviceIdentity]]:
     """Yield address and identity of each video device that takes pictures (by default of all /dev/video*).
 
-    Nothing is set. A device that cannot be asked raises DeviceError once the others are yielded.
+    Nothing is set. A device that does not answer raises DeviceError after the others are yielded.
     """
     failure: DeviceError | None = None
     for path in sorted(map(str, _DEVICES.glob(_PATTERN))) if paths is None else paths:
@@ -335,18 +335,16 @@ def find_v4l2(
 
 
 def read_v4l2_place(text: str) -> V4l2Options:
-    """Return what an address says; see `V4l2Options` for its keys."""
+    """Return the options in an address; see `V4l2Options` for its keys."""
     path, values = split_place(text, _READERS)
     options = V4l2Options(path=path, **values)
     if (_known(options).cell is None) != (options.plane is None):
-        raise AddressError(
-            f"camera address {text!r}: plane={'|'.join(PLANES)} goes with a Bayer format, and only there"
-        )
+        raise AddressError(f"camera address {text!r}: plane={'|'.join(PLANES)} is for Bayer formats only")
     return options
 
 
 def sample_format(options: V4l2Options) -> PixelFormat:
-    """Return how samples stand in a picture of the device."""
+    """Return the format of the samples in a picture of the device."""
     known = _known(options)
     depth = options.bit_depth or known.bit_depth
     if depth != known.bit_depth and known.bit_depth != 16:
@@ -355,7 +353,7 @@ def sample_format(options: V4l2Options) -> PixelFormat:
 
 
 class V4l2Stamps:
-    """The time stamps of a device, brought to the monotonic clock."""
+    """The time stamps of a device, converted to the monotonic clock."""
 
     def __init__(self, name: str, *, now_ns: Callable[[], int], utc_ns: Callable[[], int]) -> None:
         self._name, self._now_ns, self._utc_ns = name, now_ns, utc_ns
@@ -367,10 +365,10 @@ class V4l2Stamps:
         return asked_now(now_ns=self._now_ns, utc_ns=self._utc_ns)
 
     def start_of(self, buffer: Buffer, asked: Asked, *, exposure_ns: int) -> tuple[int, int | None]:
-        """Return when a picture's exposure began, and by how much that may be off; None for not known yet [ns].
+        """Return the start of a picture's exposure and its error; None while unknown [ns].
 
-        A stamp of the picture's end leaves open how long it took to come: not longer than from one picture to the next,
-        which is measured.
+        If the stamp is of the picture's end, its transfer took an unknown time, at most the measured time between
+        pictures.
         """
         stamp_ns = self._monotonic_ns(buffer, asked)
         self._measure_period(buffer.sequence, stamp_ns)
@@ -382,9 +380,9 @@ class V4l2Stamps:
     def _monotonic_ns(self, buffer: Buffer, asked: Asked) -> int:
         """Return a picture's time stamp on the monotonic clock.
 
-        Flags do not tell a stamp of the time of day: they say "unknown", or "monotonic" if the kernel's driver was
-        told later to use that clock (uvcvideo's parameter ``clock``). Its size tells. If the time of day was set
-        meanwhile, such a stamp counts as too old.
+        Flags do not reveal a stamp of the time of day: they are "unknown", or "monotonic" if the kernel's driver was
+        switched to that clock (uvcvideo's parameter ``clock``). Its size does. If the time of day was set meanwhile,
+        such a stamp counts as too old.
         """
         stamp_ns = int(buffer.timestamp.seconds) * 10**9 + int(buffer.timestamp.microseconds) * 1000
         clock = buffer.flags & CLOCK_MASK
@@ -393,13 +391,13 @@ class V4l2Stamps:
             return 0 if was_set else stamp_ns - asked.utc_ns + asked.monotonic_ns
         if clock != MONOTONIC:
             raise ProtocolError(
-                f"{self._name}: its time stamps are neither of the monotonic clock nor of the time of day, so age "
-                "cannot be known"
+                f"{self._name}: its time stamps are neither of the monotonic clock nor of the time of day, so the age "
+                "of pictures is unknown"
             )
         return stamp_ns
 
     def _measure_period(self, sequence: int, stamp_ns: int) -> None:
-        """Take in when a picture came, for the time from one to the next."""
+        """Note the arrival of a picture, for the time between pictures."""
         last, self._last = self._last, (sequence, stamp_ns)
         if last is not None and sequence > last[0] and stamp_ns > last[1]:
             self._period_ns = (stamp_ns - last[1]) // (sequence - last[0])
@@ -417,8 +415,8 @@ class V4l2Controls:
         self._exposure_s = 0.0
         if options.exposure_control == "device" and self._described(EXPOSURE_ABSOLUTE) is None:
             raise LimitError(
-                f"video device {node.path}: it has no exposure in units of 100 us; where it is set by other means, say "
-                "exposure_control=none in its address"
+                f"video device {node.path}: it has no exposure in units of 100 us; if it is set by other means, add "
+                "exposure_control=none to its address"
             )
 
     def set(self, *, exposure_s: float, gain_db: float) -> None:
@@ -432,7 +430,7 @@ class V4l2Controls:
         self._exposure_s = exposure_s
 
     def exposure_s(self) -> float:
-        """Return the exposure that the device has, or the configured one if it has no such control."""
+        """Return the exposure of the device, or the configured one without such a control."""
         if self._options.exposure_control == "none":
             return self._exposure_s
         return self._get(EXPOSURE_ABSOLUTE) * _EXPOSURE_STEP_S
@@ -445,7 +443,7 @@ class V4l2Controls:
         return (self._get(GAIN) - int(limits.minimum)) * (self._options.gain_step_db or 0.0)
 
     def found(self) -> dict[str, str]:
-        """Return the controls that may change counts; they are left as they were found."""
+        """Return the controls that may change counts, which are left unchanged."""
         there = ((control, self._described(control)) for control in PROCESSING)
         return {
             described.name.decode(): f"{self._get(control)} (as found)"
@@ -465,7 +463,7 @@ class V4l2Controls:
 
     def _exposure_steps(self, exposure_s: float) -> int | None:
         if not 0.0 < exposure_s < float("inf"):
-            raise LimitError(f"video device {self._node.path}: exposure_s is {exposure_s} s; it has to be above 0")
+            raise LimitError(f"video device {self._node.path}: exposure_s is {exposure_s} s; allowed is above 0")
         limits = self._described(EXPOSURE_ABSOLUTE)
         if self._options.exposure_control == "none" or limits is None:
             return None
@@ -483,8 +481,8 @@ class V4l2Controls:
         if limits is None or step_db is None:
             if gain_db != 0.0:
                 raise LimitError(
-                    f"video device {self._node.path}: gain_db is {gain_db} dB; a step of its gain is not known in dB: "
-                    "state gain_step_db=X in its address, or ask for 0"
+                    f"video device {self._node.path}: gain_db is {gain_db} dB; the step of its gain is not known in "
+                    "dB: add gain_step_db=X to its address, or use 0"
                 )
             return None if limits is None else int(limits.minimum)
         steps = gain_db / step_db
@@ -500,7 +498,7 @@ class V4l2Controls:
         try:
             self._node.request(QUERYCTRL, described)
         except OSError:
-            return None  # the device has no such control: this request has no other way to say so
+            return None  # the only sign that the device has no such control
         return None if described.flags & DISABLED_CONTROL else described
 
     def _get(self, control: int) -> int:
@@ -513,18 +511,17 @@ class V4l2Controls:
         described = self._described(control)
         name = described.name.decode() if described is not None else f"{control:#x}"
         if (found := self._get(control)) != value:
-            raise LimitError(f"video device {self._node.path}: {name} was set to {value}, and is {found}")
+            raise LimitError(f"video device {self._node.path}: {name} was set to {value} and reads back {found}")
         self.used[name] = str(value)
 
 
 class V4l2Camera:
-    """A video device that is open and streams; `open_v4l2` makes one.
+    """An open, streaming video device; `open_v4l2` makes one.
 
-    The device runs by itself. A picture is accepted if the driver's own time stamp, of the monotonic clock or of the
-    time of day, says that its exposure began after the call: the stamp itself where it marks the start of the exposure,
-    else the stamp minus the exposure; then the exposure may have begun earlier by as long as the picture took to come,
-    which is not longer than from one picture to the next. Pictures that are marked as damaged or too short are passed
-    over and counted, and so are gaps in the device's numbers.
+    The device runs freely. A picture is accepted if its exposure began after the call by the driver's time stamp: the
+    stamp itself if it marks the start, else the stamp minus the exposure. In the second case the exposure may have
+    begun earlier by the transfer time, at most the time between pictures. Damaged or short pictures, and gaps in the
+    device's numbers, are skipped and counted.
     """
 
     def __init__(
@@ -556,7 +553,7 @@ class V4l2Camera:
         self.close()
 
     def identify(self) -> DeviceIdentity:
-        """Return card, place on its bus (a serial number there is none) and version of the kernel's driver."""
+        """Return card, place on its bus (in place of a serial number) and version of the kernel's driver."""
         self._refuse_closed()
         return self._identity
 
@@ -572,12 +569,12 @@ class V4l2Camera:
         return self._tally
 
     def facts(self) -> CameraFacts:
-        """Return how its samples come; nothing is known of their linearity."""
+        """Return the format of its samples; their linearity is unknown."""
         fmt = self._pixel_format
         return CameraFacts(sample_format=fmt.name, justified=fmt.justified, linear=None)
 
     def features(self) -> dict[str, str]:
-        """Return the controls that were set and those left as found, by the device's own names."""
+        """Return the controls that were set and those left unchanged, by the device's own names."""
         self._refuse_closed()
         plane = {} if self._options.plane is None else {"plane": self._options.plane}
         return plane | self._controls.used | self._controls.found()
@@ -598,8 +595,8 @@ class V4l2Camera:
             if damaged > self._options.retakes:
                 raise ProtocolError(f"{self._name}: {damaged} damaged pictures in a row; check cable and USB hub")
         raise DeviceTimeoutError(
-            f"{self._name}: no picture of after the call within {timeout_s} s, at an exposure of "
-            f"{self._settings.exposure_s} s; allow more time or expose shorter"
+            f"{self._name}: no new picture within {timeout_s} s at an exposure of {self._settings.exposure_s} s; allow "
+            "more time or expose shorter"
         )
 
     def close(self) -> None:
@@ -627,7 +624,7 @@ class V4l2Camera:
         found = Capability()
         _request_of(self._node, QUERYCAP, found, "asking what it is")
         if not can_take_pictures(found):
-            raise NotConnectedError(f"{self._name}: it is no camera that streams; try the next /dev/video*")
+            raise NotConnectedError(f"{self._name}: it is not a streaming camera; try the next /dev/video*")
         version = (found.version >> 16, found.version >> 8 & 0xFF, found.version & 0xFF)
         return DeviceIdentity(
             model=found.card.decode(errors="replace"),
@@ -665,7 +662,7 @@ class V4l2Camera:
         return memory
 
     def _next_picture(self, asked: Asked) -> Frame | str:
-        """Return the picture that is waiting, or "damaged" or "too old"."""
+        """Return the waiting picture, or "damaged" or "too old"."""
         buffer = Buffer(index=0, type=CAPTURE, memory=MMAP)
         _request_of(self._node, DQBUF, buffer, "taking a picture")
         try:
@@ -714,9 +711,7 @@ class V4l2Camera:
         self._controls.require_manual()
         found = self._read_settings()
         if found != self._settings:
-            raise LimitError(
-                f"{self._name}: it is set to {found}, and was set to {self._settings}: who has changed it?"
-            )
+            raise LimitError(f"{self._name}: it has {found} instead of {self._settings}: another program changed it")
 
     def _read_settings(self) -> CameraSettings:
         width, height, bit_depth = size_of_counts(
@@ -735,7 +730,7 @@ class V4l2Camera:
 
 
 def can_take_pictures(device: Capability) -> bool:
-    """Return whether a device is a camera that streams."""
+    """Return whether a device is a streaming camera."""
     can = device.device_caps if device.capabilities & HAS_DEVICE_CAPS else device.capabilities
     return bool(can & CAN_CAPTURE and can & CAN_STREAM)
 
@@ -747,13 +742,13 @@ def fourcc(letters: str) -> int:
 
 
 def letters_of(number: int) -> str:
-    """Return the four letters of a format, "_BE" behind them where its highest bit is set."""
+    """Return the four letters of a format, followed by "_BE" if its highest bit is set."""
     plain = (number & ~_BIG_END_BIT).to_bytes(4, "little").decode(errors="replace")
     return f"{plain.strip()}{_BIG_END}" if number & _BIG_END_BIT else plain
 
 
 def _request_of(node: VideoNode, number: int, content: object, what: str) -> None:
-    """Make a request; raise a refusal by the system as an error of the drivers."""
+    """Make a request; turn an error of the system into one of the drivers."""
     try:
         node.request(number, content)
     except OSError as error:
@@ -764,15 +759,11 @@ def _device_error(error: OSError, *, path: str, what: str) -> DeviceError:
     """Return the error of the drivers for a refusal by the system."""
     text = f"video device {path}: {what}: {error.strerror}"
     if error.errno in (errno.ENODEV, errno.ENOENT, errno.ENXIO):
-        return NotConnectedError(
-            f"{text}. It is not there, or was unplugged: `rigctl devices` lists those that are there"
-        )
+        return NotConnectedError(f"{text}. It does not exist or was unplugged: `rigctl devices` lists video devices")
     if error.errno == errno.ENOTTY:
-        return NotConnectedError(
-            f"video device {path}: is no video device: `rigctl devices` lists those that are there"
-        )
+        return NotConnectedError(f"video device {path}: is not a video device: `rigctl devices` lists them")
     if error.errno == errno.EBUSY:
-        return NotConnectedError(f"{text}. Another program has it: close that one first")
+        return NotConnectedError(f"{text}. Another program uses it: close that one first")
     if error.errno in (errno.EACCES, errno.EPERM):
         return NotConnectedError(f"{text}. You may not use it: join its group (`ls -l {path}`, mostly `video`)")
     if error.errno in (errno.EINVAL, errno.ERANGE):
@@ -836,6 +827,6 @@ def _formats(node: VideoNode) -> list[str]:
         try:
             node.request(ENUM_FMT, description)
         except OSError:
-            break  # there are no more: this request has no other way to say so
+            break  # the only sign that there are no more
         offered.append(letters_of(description.pixelformat))
     return offered

@@ -2,11 +2,10 @@
 
 Language: a message is 6 bytes, little-endian: its number (16 bits), then either two parameters, or the length of the
 data that follow (16 bits, and bit 7 of the destination is set), destination, source. There is no checksum: bytes that
-are not a message from the unit to the host, of a number and a length that are known here, are skipped.
+are not a known message from the unit to the host are skipped.
 
-Line: the protocol has neither checksums nor message numbers. The link therefore knows whether it is in step, that is,
-whether every question so far has had its answer. If not, it listens until the line is quiet before it asks the next.
-No status is kept: it is asked for each time it is needed.
+Line: without checksums and message numbers, an answer can only be assigned by order. The link notes if a question is
+still unanswered, and then waits for silence before the next. The status is read each time it is needed.
 
 Source: Thorlabs, "APT Host-Controller Communications Protocol", issue 25, with its section on scaling; parameters of
 the K10CR1 as its maker's program sets them.
@@ -44,21 +43,21 @@ class AptModel:
     """A controller with its stage."""
 
     name: str  #: Name of the two together.
-    is_stepper: bool  #: Whether it speaks the messages of stepper motors, else those of DC servo motors.
+    is_stepper: bool  #: True for the messages of stepper motors, else those of DC servo motors.
     counts_per_deg: float  #: Counts per degree.
     speed_deg_per_s: float  #: Speed of moves and homing.
-    #: Data of the messages that set speed and homing at every start, since some controllers forget theirs at power-off.
+    #: Data of the messages that set speed and homing at every start, because some controllers forget them at power-off.
     velocity: bytes
     home: bytes
 
 
 def velocity_parameters(*, acceleration: int, highest: int) -> bytes:
-    """Return the data that set what moves run at, in the controller's units."""
+    """Return the data that set the speed of moves, in the controller's units."""
     return struct.pack("<Hiii", _CHANNEL, 0, acceleration, highest)
 
 
 def home_parameters(*, velocity: int, offset_counts: int) -> bytes:
-    """Return the data that set the search of the reference mark; direction 2 and switch 1 are "reverse"."""
+    """Return the data that set homing; direction 2 and switch 1 are "reverse"."""
     return struct.pack("<HHHii", _CHANNEL, 2, 1, velocity, offset_counts)
 
 
@@ -92,7 +91,7 @@ _DC_CONTROLLERS = ("KDC101", "TDC001")
 
 
 def find_model(controller: str, *, stage_id: int, actuator: str | None) -> AptModel:
-    """Return the model that a controller and its stage are."""
+    """Return the model of a controller with its stage."""
     if controller in _BUILT_IN:
         return _BUILT_IN[controller]
     if controller in _DC_CONTROLLERS and (stage_id == PRM1_STAGE_ID or actuator == "PRM1-Z8"):
@@ -179,13 +178,13 @@ def _long(number: int, data: bytes) -> bytes:
 
 
 # Messages that the host sends. Questions are answered by the message of the next number.
-NO_FLASH_PROGRAMMING = _short(0x0018)  # a host begins with it
+NO_FLASH_PROGRAMMING = _short(0x0018)  # the first message of a host
 STOP_UPDATES = _short(0x0012)  # ends status messages without a question
 IDENTIFY = _short(0x0005)  # see `Information`
 ENABLE = _short(0x0210, _CHANNEL, 1)  # switches the motor on
 ASK_ENABLED = _short(0x0211, _CHANNEL)  # see `is_enabled`
 ASK_STATUS_OF_STEPPER, ASK_STATUS_OF_SERVO = _short(0x0480, _CHANNEL), _short(0x0490, _CHANNEL)  # see `Status`
-HOME = _short(0x0443, _CHANNEL)  # searches the reference mark
+HOME = _short(0x0443, _CHANNEL)  # searches for the reference mark
 STOP = _short(0x0465, _CHANNEL, 2)  # ends any motion, slowing down
 ASK_VELOCITY, ASK_HOME = _short(0x0414, _CHANNEL), _short(0x0441, _CHANNEL)
 
@@ -201,29 +200,29 @@ def set_velocity(parameters: bytes) -> bytes:
 
 
 def set_home(parameters: bytes) -> bytes:
-    """Return the message that sets how the reference mark is searched."""
+    """Return the message that sets homing."""
     return _long(0x0440, parameters)
 
 
 class MessageParser:
     """Bytes in, in pieces of any size; whole messages out.
 
-    `next_event` and `feed` raise ProtocolError and nothing else. Bytes that cannot begin a message are passed over up
-    to the next that can; a message cut short takes those after it for its own, which `reset` after a silence cures.
+    `next_event` and `feed` raise ProtocolError and nothing else. Bytes that cannot begin a message are skipped. A
+    truncated message absorbs the following bytes; `reset` after a silence repairs this.
     """
 
     def __init__(self) -> None:
         self._unread = b""
 
     def feed(self, data: bytes) -> None:
-        """Take bytes in. Raises ProtocolError, and forgets them, when too many are unread."""
+        """Add bytes. Raises ProtocolError and discards them if too many are unread."""
         self._unread += data
         if len(self._unread) > _LONGEST_UNREAD:
             start, self._unread = self._unread[:16], b""
-            raise ProtocolError(f"more than {_LONGEST_UNREAD} bytes that nobody reads, beginning {start.hex(' ')}")
+            raise ProtocolError(f"more than {_LONGEST_UNREAD} unread bytes, beginning {start.hex(' ')}")
 
     def next_event(self) -> bytes | None:
-        """Return the next message that has come in whole, or None when more bytes are needed."""
+        """Return the next complete message, or None if more bytes are needed."""
         self._pass_over_rubbish()
         if len(self._unread) < _HEADER.size:
             return None
@@ -237,7 +236,7 @@ class MessageParser:
 
     @property
     def unread(self) -> int:
-        """Number of bytes that have come in and make no whole message yet."""
+        """Number of received bytes of an incomplete message."""
         return len(self._unread)
 
     def reset(self) -> None:
@@ -254,12 +253,12 @@ class MessageParser:
 
 
 def _may_begin(start: bytes) -> bool:
-    """Return whether bytes, fewer than a header or as many, are the beginning of a message."""
+    """Return whether bytes, at most a header, can begin a message."""
     return any(start == header[: len(start)] for header in _headers(start))
 
 
 def _headers(start: bytes) -> list[bytes]:
-    """Return the headers that bytes may be the beginning of; parameters of short messages may be anything."""
+    """Return the headers that bytes may begin; parameters of short messages are arbitrary."""
     parameters = start[2:4].ljust(2, b"\x00")
     return [
         struct.pack("<HHBB", number, length, _HOST | _LONG, _UNIT)
@@ -270,7 +269,7 @@ def _headers(start: bytes) -> list[bytes]:
 
 
 def number_of(message: bytes) -> int:
-    """Return the number of a message; that of an answer is the one after its question's."""
+    """Return the number of a message; an answer has that of its question plus one."""
     return int.from_bytes(message[:2], "little")
 
 
@@ -285,7 +284,7 @@ def information_of(message: bytes) -> Information:
     (stage_id,) = struct.unpack_from("<H", message, _HEADER.size + 76)
     name = model.partition(b"\x00")[0]
     if not (name.isascii() and name.decode("latin-1").isprintable()):
-        raise ProtocolError(f"{name!r} is no name of a controller")
+        raise ProtocolError(f"{name!r} is not the name of a controller")
     return Information(
         serial_number=serial_number,
         model=name.decode("ascii").strip(),
@@ -295,7 +294,7 @@ def information_of(message: bytes) -> Information:
 
 
 def status_of(message: bytes) -> Status:
-    """Return position and status bits, which stand at the same places for steppers and servos."""
+    """Return position and status bits, which are at the same places for steppers and servos."""
     _, counts, _, bits = struct.unpack("<HiiI", data_of(message))
     return Status(counts=counts, bits=bits)
 
@@ -315,8 +314,8 @@ _DATA_BYTES = {
     0x0212: 0,  # whether the motor is on
     0x0415: _CHANNEL_FIRST,  # velocity parameters
     0x0442: _CHANNEL_FIRST,  # home parameters
-    0x0444: 0,  # homed; some stages never say so
-    # The end of a motion, unasked. The position in it may be that of the motion's start, or -1: it is not used.
+    0x0444: 0,  # homed; some stages never send it
+    # The end of a motion, sent unasked. Its position may be that of the start, or -1, and is not used.
     0x0464: _CHANNEL_FIRST,
     0x0466: _CHANNEL_FIRST,
     0x0481: _CHANNEL_FIRST,  # status of a stepper, of a servo
@@ -335,7 +334,7 @@ AnswerT = TypeVar("AnswerT")
 
 
 class AptLink(Line):
-    """The line to one controller, open at 115200 bits/s; its notes are of repeated questions and damaged answers."""
+    """The line to one controller, open at 115200 bits/s; notes list repeated questions and damaged answers."""
 
     def __init__(self, port: BytePort, *, now_s: Callable[[], float], sleep: Callable[[float], None]) -> None:
         self._parser: MessageParser
@@ -351,12 +350,12 @@ class AptLink(Line):
         return self.repeated(lambda: self._exchange(question, read), tries=_TRIES_ON_THE_LINE)
 
     def ask_until_two_agree(self, question: bytes, read: Callable[[bytes], AnswerT]) -> AnswerT:
-        """Return the answer to a question about something that does not change, once two in a row are the same."""
+        """Return the answer to a question about a constant, once two in a row agree."""
         return two_agree(
             lambda: self.ask(question, read),
             name=self.name,
             tries=_TRIES_ON_THE_LINE,
-            differ=lambda before, latest: f"it answers {question.hex(' ')} otherwise each time: {before}, {latest}",
+            differ=lambda before, latest: f"its answers to {question.hex(' ')} differ: {before}, {latest}",
         )
 
     def _exchange(self, question: bytes, read: Callable[[bytes], AnswerT]) -> AnswerT:
@@ -369,7 +368,7 @@ class AptLink(Line):
         return event
 
     def _require_sound_tail(self, question: bytes) -> None:
-        """See that nothing but whole messages follows an answer: else a byte was lost or doubled within the answer."""
+        """Check that only whole messages follow an answer; otherwise a byte was lost or doubled within it."""
         try:
             self._parser.feed(self._port.read_some(timeout_s=_TAIL_S))
             while self._parser.next_event() is not None:
@@ -387,7 +386,7 @@ class AptLink(Line):
                 if message is not None and number_of(message) == number_of(question) + 1:
                     return read(message)
             except ProtocolError as error:
-                damaged = error  # what was asked for may yet come behind it
+                damaged = error  # the requested answer may still follow
                 continue
             if message is not None and number_of(message) in (_FAULT, _FAULT_WITH_TEXT):
                 raise self._trouble(message)
@@ -401,7 +400,7 @@ class AptLink(Line):
             _, code, text = struct.unpack_from("<HH64s", message, _HEADER.size)
         meaning = text.partition(b"\x00")[0].decode("latin-1") or "not told"
         return DeviceFaultError(
-            f"{self.name}: it reports trouble {code} ({meaning}). Switch it off and on, then home it",
+            f"{self.name}: it reports error {code} ({meaning}). Switch it off and on, then home it",
             code=code,
             meaning=meaning,
         )
@@ -417,25 +416,25 @@ def ask_apt(port: BytePort, *, now_s: Callable[[], float] = time.monotonic) -> l
     return answers
 
 
-# How `rigctl devices` finds one.
+# For `rigctl devices`.
 PROBE = StageProbe(baud=BAUD, usb_ids=((0x0403, 0xFAF0),), ask=ask_apt)
 
 _TRIES = 3
 _POLL_S = 0.1
 _START_S = 2.0
-_SLOWER_THAN_SET = 2.0  # acceleration, and a motor that is not quite up to it
-_HOME_S = 90.0  # a turn and a half at half the speed that is set, and the start
-_BEGIN_S = 1.0  # a motion that has not shown itself by then was not understood
-_AFTER_ENABLE_S = 1.0  # a TDC001 locks up when it is told to home right after
+_SLOWER_THAN_SET = 2.0  # acceleration, and a weak motor
+_HOME_S = 90.0  # one and a half turns at half the speed, and the start
+_BEGIN_S = 1.0  # a motion that has not begun by then was not understood
+_AFTER_ENABLE_S = 1.0  # a TDC001 locks up if it is homed immediately
 _HIGHEST_COUNTS = (1 << 31) - 1
 
 
 class AptStage(SerialStage):
     """The stage behind a link. `open_apt` and `connect_apt` make one.
 
-    Whether it was homed since its power-up is known to the controller (status bit 0x400) and asked before each move.
-    Motions are watched by asking for the status: the messages HOMED and MOVE_COMPLETED may be missing, and the
-    position in them may be wrong. The readback of a K10CR is what its motor was told: it has no encoder.
+    The controller knows if it was homed since power-up (status bit 0x400) and is asked before each move. Motions are
+    followed by the status, because the messages HOMED and MOVE_COMPLETED may be missing or have wrong positions. The
+    readback of a K10CR is the command of its motor: it has no encoder.
     """
 
     def __init__(self, link: AptLink, identity: DeviceIdentity, model: AptModel, *, tolerance_deg: float) -> None:
@@ -455,16 +454,16 @@ class AptStage(SerialStage):
             if self._homing_begins() and self._await_rest(deadline_s=self._link.now_s() + _HOME_S).homed:
                 return self.position()
         raise DeviceTimeoutError(
-            f"{self._link.name}: told to home {_TRIES} times, it does not say that it found its mark (status bit "
-            "0x400). Switch it off and on, and check its home parameters in the maker's program"
+            f"{self._link.name}: homing was commanded {_TRIES} times and not confirmed (status bit 0x400). Switch it "
+            "off and on, and check its home parameters in the maker's program"
         )
 
     def position(self) -> StagePosition:
-        """Return the position, once two in a row agree: a message carries no checksum."""
+        """Return the position once two in a row agree, because messages have no checksum."""
         return self._agreed_position(self._read_position)
 
     def status(self) -> StageStatus:
-        """Ask the controller what the stage is doing; the code is its status bits."""
+        """Return the state of the stage; the code is its status bits."""
         status = self._ask_status()
         meaning = fault_in_words(status.faults) if status.faults else "no fault"
         return StageStatus(moving=status.moving, homed=status.homed, code=status.bits, meaning=meaning)
@@ -493,7 +492,7 @@ class AptStage(SerialStage):
         return self.position()
 
     def _homing_begins(self) -> bool:
-        """Return whether the stage says that it is homing, or no longer homed; both were false or true before."""
+        """Return whether the stage is homing, or no longer homed; before the command both were false or true."""
         deadline_s = self._link.now_s() + _BEGIN_S
         while self._link.now_s() < deadline_s:
             status = self._ask_status()
@@ -503,7 +502,7 @@ class AptStage(SerialStage):
         return False
 
     def _await_rest(self, *, deadline_s: float) -> Status:
-        """Return the status once the stage says twice in a row that it rests: the first may be older than a command."""
+        """Return the status once the stage reports rest twice in a row, since the first may be older than a command."""
         resting = 0
         while True:
             status = self._ask_status()
@@ -521,8 +520,8 @@ class AptStage(SerialStage):
             if self._link.now_s() >= deadline_s:
                 self._link.tell(STOP)
                 raise DeviceTimeoutError(
-                    f"{self._link.name}: still moving after its deadline, so it was stopped. It is worn or hindered, "
-                    "or it lost its parameters: open it again"
+                    f"{self._link.name}: still moving after its deadline, so it was stopped. It is worn or blocked, or "
+                    "it lost its parameters: open it again"
                 )
             self._link.sleep(_POLL_S)
 
@@ -535,18 +534,18 @@ class AptStage(SerialStage):
         return StagePosition(angle_deg=counts / self._model.counts_per_deg % 360.0, counts=counts)
 
     def _agreed(self, what: Callable[[Status], int]) -> int:
-        """Return something of the status, once two in a row agree on it: a message carries no checksum."""
+        """Return a part of the status once two in a row agree, because messages have no checksum."""
         return two_agree(
             lambda: what(self._ask_status()),
             name=self._link.name,
             tries=_TRIES,
-            differ=lambda *_: "its status is otherwise each time. Check the cable",
+            differ=lambda *_: "its status differs each time. Check the cable",
         )
 
     def _require_homed(self) -> None:
         if not self._agreed(lambda status: status.homed):
             raise LimitError(
-                f"{self._link.name}: it was not homed since its power-up, so its angles mean nothing yet. Home it first"
+                f"{self._link.name}: it was not homed since power-up, so its angles are meaningless. Home it first"
             )
 
 
@@ -585,7 +584,7 @@ def open_apt(
     Raises
     ------
     NotConnectedError
-        There is no such port, or it may not be opened, or another program holds it.
+        The port does not exist, may not be opened, or is used by another program.
     """
 
     def connect(link: SerialPort) -> AptStage:
@@ -596,7 +595,7 @@ def open_apt(
 
 
 def _set_up(link: AptLink, model: AptModel) -> None:
-    """Set the parameters that some controllers forget at power-off, read them back, and switch the motor on."""
+    """Set and read back the parameters that some controllers forget at power-off, and switch the motor on."""
     for _ in range(_TRIES):
         link.tell(set_velocity(model.velocity))
         link.tell(set_home(model.home))
@@ -606,7 +605,7 @@ def _set_up(link: AptLink, model: AptModel) -> None:
             break
     else:
         raise ProtocolError(
-            f"{link.name}: it does not keep its parameters: it has {velocity.hex(' ')} and {home.hex(' ')}"
+            f"{link.name}: it did not accept its parameters: it reads back {velocity.hex(' ')} and {home.hex(' ')}"
         )
     for _ in range(_TRIES):
         if link.ask_until_two_agree(ASK_ENABLED, is_enabled):

@@ -1,13 +1,11 @@
 """Thorlabs Elliptec (ELLx) rotation stages: ELL14, ELL16, ELL18, ELL21.
 
-Language: a command is an address (one hexadecimal digit), two small letters, then a fixed number of capital
-hexadecimal digits; nothing ends it and nothing checks it. A reply is the address, two capital letters, digits,
-carriage return, line feed.
+Language: a command is an address (one hexadecimal digit), two small letters, then a fixed number of capital hexadecimal
+digits; without terminator or checksum. A reply is the address, two capital letters, digits, carriage return, line feed.
 
-Line: the protocol has no message numbers, so an answer can only be told from a late one by order. The link therefore
-knows whether it is in step, that is, whether every command so far has had its answer. If not, it makes the stage
-discard what it has received in part, listens until the line is quiet, and asks for the status until the stage is no
-longer busy; only then is the next command sent.
+Line: without message numbers, an answer can only be assigned by order. The link notes if a command is still unanswered.
+It then makes the stage discard partly received commands, waits for silence, and asks for the status until the stage is
+no longer busy, before it sends the next command.
 
 Source: Thorlabs, "Elliptec ELLx modules protocol manual", Issue 10 (October 2025).
 """
@@ -36,12 +34,12 @@ BAUD = 9600
 FIRST_ADDRESS = "0"
 
 RESET_RECEIVER = b"\r"
-"""Makes the stage forget a command that it has received in part."""
+"""Makes the stage discard a partly received command."""
 
 OK, BUSY, INITIALISING = 0, 9, 7
 
 GARBLED_CODES = frozenset({1, 3, 4})
-"""Statuses that a command gets when it was damaged on its way: worth sending it once more."""
+"""Statuses after a damaged command, which is sent again."""
 
 STATUS_MEANINGS = {
     0: "no error",
@@ -84,14 +82,14 @@ class Information:
         return DeviceIdentity(model=model, serial_number=self.serial_number, firmware=self.firmware)
 
 
-# Address, letters and digits of a reply. BS and BO come unasked, when somebody presses a button of the handset.
+# Address, letters and digits of a reply. BS and BO come unasked, after a button of the handset was pressed.
 Reply = tuple[str, str, str]
-# Letters of a reply -> how many digits follow them.
+# Letters of a reply -> number of digits after them.
 _DIGITS = {"IN": 30, "GS": 2, "PO": 8, "BS": 2, "BO": 8}
 
 
 def check_address(address: str) -> str:
-    """Return the address unchanged if it is one of the sixteen that exist, else raise LimitError."""
+    """Return the address unchanged if it is one of the sixteen, else raise LimitError."""
     if not re.fullmatch("[0-9A-F]", address):
         raise AddressError(f"address {address!r}: an Elliptec address is one character of 0-9 or A-F")
     return address
@@ -100,9 +98,9 @@ def check_address(address: str) -> str:
 def command(address: str, letters: str, digits: str = "") -> bytes:
     """Return a command.
 
-    ``in`` is answered by `IN` (what the stage is), ``gs`` by `GS` (its status; reading it clears an error), ``gp`` by
-    `PO` (its counts), ``st`` (end a continuous motion) by `GS`. ``ho0`` searches the reference mark clockwise, ``ma``
-    moves to an encoder reading and ``mr`` by a number of counts; these are answered by `PO` at their end.
+    The answer to ``in`` is `IN` (identity), to ``gs`` `GS` (status; reading it clears an error), to ``gp`` `PO`
+    (counts), to ``st`` (end a continuous motion) `GS`. ``ho0`` searches for the reference mark clockwise, ``ma`` moves
+    to an encoder reading and ``mr`` by a number of counts; `PO` answers these at their end.
     """
     return f"{address}{letters}{digits}".encode()
 
@@ -122,10 +120,10 @@ def pulses_per_revolution(information: Information) -> int:
     elif information.travel != _TRAVEL_DEG:
         problem = f"travel {information.travel} is not the {_TRAVEL_DEG} degrees of a rotation stage"
     elif not lowest <= information.pulses <= highest:
-        problem = f"{information.pulses} pulses a turn are not plausible ({lowest} to {highest})"
+        problem = f"{information.pulses} pulses per turn are not plausible ({lowest} to {highest})"
     else:
         return information.pulses
-    raise ProtocolError(f"{problem}. It is not used, since its angles could not be trusted")
+    raise ProtocolError(f"{problem}. It is not used, because its angles would be unreliable")
 
 
 def counts_from_angle(angle_deg: float, *, pulses: int) -> int:
@@ -141,8 +139,7 @@ def angle_from_counts(counts: int, *, pulses: int) -> float:
 class ReplyParser:
     """Bytes in, in pieces of any size; whole replies out.
 
-    `next_event` and `feed` raise ProtocolError and nothing else; the damaged reply is then forgotten, and the
-    next call goes on behind it.
+    `next_event` and `feed` raise ProtocolError and nothing else; the next call continues behind the damaged reply.
     """
 
     def __init__(self) -> None:
@@ -156,10 +153,10 @@ class ReplyParser:
             start = self._unread[:16]
             self._skipping = not self._unread.endswith(b"\n")
             self._unread = b""
-            raise ProtocolError(f"more than {_LONGEST_UNREAD} bytes that make no reply, beginning {start!r}")
+            raise ProtocolError(f"more than {_LONGEST_UNREAD} bytes without a reply, beginning {start!r}")
 
     def next_event(self) -> Reply | None:
-        """Return the next reply that has come in whole, or None when more bytes are needed."""
+        """Return the next complete reply, or None if more bytes are needed."""
         while b"\n" in self._unread:
             line, _, self._unread = self._unread.partition(b"\n")
             if not self._skipping:
@@ -182,14 +179,14 @@ def _decode(line: bytes) -> Reply:
         raise ProtocolError(f"{line!r} is no reply")
     address, letters, digits = (part.decode("ascii") for part in frame.groups())
     if letters not in _DIGITS:
-        raise ProtocolError(f"{line!r}: {letters} answers nothing that is asked here")
+        raise ProtocolError(f"{line!r}: {letters} is no known answer")
     if len(digits) != _DIGITS[letters]:
         raise ProtocolError(f"{line!r}: {letters} has {_DIGITS[letters]} digits, not {len(digits)}")
     return address, letters, digits
 
 
 def signed(digits: str) -> int:
-    """Return the counts that eight digits mean; they may be negative."""
+    """Return the counts in eight digits; they may be negative."""
     value = int(digits, 16)
     return value - (1 << 32) if value >= 1 << 31 else value
 
@@ -211,14 +208,14 @@ _REPLY_TIMEOUT_S = 1.0  # the longest reply takes 36 ms on the line, a USB adapt
 _QUIET_S = 0.05  # 48 bytes' worth of silence
 _QUIET_LIMIT_S = 1.0
 _POLL_S = 0.1
-_GAP_S = 0.1  # a move sent sooner after the one before "can move to 0 instead", other drivers' authors found
+_GAP_S = 0.1  # a move sent sooner after the one before "can move to 0 instead", according to authors of other drivers
 
 
 class EllxLink(Line):
     """The line to one stage (address 0-9 or A-F), open at 9600 bits/s.
 
-    `busy_timeout_s` is how long it may stay busy with what another asked of it; `restarted` whether it was seen
-    initialising since somebody last set this to False; notes are of buttons, repeated questions and late answers.
+    `busy_timeout_s` is the time for earlier commands; `restarted` is set when the stage initialises; notes list
+    buttons, repeated questions and late answers.
     """
 
     def __init__(
@@ -240,7 +237,7 @@ class EllxLink(Line):
         self._last_heard_s = now_s()
 
     def begin(self) -> None:
-        """Get in step with a stage in an unknown state; an old error is noted and cleared."""
+        """Synchronise with a stage in an unknown state; an old error is noted and cleared."""
         code = self._resynchronise(busy_until_s=self.now_s() + self._busy_timeout_s)
         if code != OK:
             self.notes.add(f"left from before: status {_in_words(code)}")
@@ -279,8 +276,8 @@ class EllxLink(Line):
         )
 
     def _exchange(self, sent: bytes, letters: str, *, deadline_s: float) -> str:
-        """Return the digits of the answer to a command; if there is none, the link is out of step."""
-        self._listen(quiet_s=0.0)  # so that nothing older can be taken for the answer
+        """Return the digits of the answer to a command; without one the link is out of step."""
+        self._listen(quiet_s=0.0)  # so that nothing older passes for the answer
         self._in_step = False
         self._port.write(sent)
         digits = self._await(sent, letters, deadline_s=deadline_s)
@@ -300,7 +297,7 @@ class EllxLink(Line):
                 raise self.fault(code, sent)
 
     def _next_reply(self, sent: bytes, *, deadline_s: float) -> tuple[str, str]:
-        """Return letters and digits of our stage's next reply; buttons are noted on the way."""
+        """Return letters and digits of our stage's next reply; pressed buttons are noted."""
         while True:
             try:
                 reply = self._parser.next_event()
@@ -323,7 +320,7 @@ class EllxLink(Line):
         return data
 
     def _is_of_others(self, reply: Reply) -> bool:
-        """Return whether a reply is not an answer to us; a pressed button is noted."""
+        """Return whether a reply is no answer to us; a pressed button is noted."""
         address, letters, digits = reply
         if address == self.address and letters == "BS":
             self.notes.add("a button of the handset was pressed")
@@ -332,7 +329,7 @@ class EllxLink(Line):
         return address != self.address or letters in ("BS", "BO")
 
     def _listen(self, *, quiet_s: float) -> None:
-        """Read until nothing comes for a while; what comes answers nothing any more."""
+        """Read and discard until the line is quiet."""
         end_s = self.now_s() + _QUIET_LIMIT_S
         while data := self._port.read_some(timeout_s=quiet_s):
             self._note_stale(data)
@@ -345,18 +342,18 @@ class EllxLink(Line):
             self._parser.feed(data)
             while (reply := self._parser.next_event()) is not None:
                 if not self._is_of_others(reply):
-                    self.notes.add(f"ignored, since it came too late or unasked: {''.join(reply)}")
+                    self.notes.add(f"ignored, because it came late or unasked: {''.join(reply)}")
         except ProtocolError as error:
             self.notes.add(f"ignored: {error}")
 
     def _note_or_raise(self, error: Exception) -> None:
-        """Note an error that sending the command once more may cure; raise any other."""
+        """Note an error that a repetition may cure; raise any other."""
         if isinstance(error, DeviceFaultError) and error.code not in GARBLED_CODES:
             raise error
         self.notes.add(f"tried again: {error}")
 
     def _get_in_step(self, *, busy_until_s: float | None = None) -> None:
-        """Wait until every command so far is answered; raise a fault that the stage reports meanwhile."""
+        """Wait until every command is answered; raise a fault that the stage reports meanwhile."""
         if self._in_step:
             return
         until_s = self.now_s() + self._busy_timeout_s if busy_until_s is None else busy_until_s
@@ -372,8 +369,8 @@ class EllxLink(Line):
         while (code := self._read_status()) in (BUSY, INITIALISING):
             if self.now_s() >= busy_until_s:
                 raise DeviceTimeoutError(
-                    f"{self.name}: still at status {_in_words(code)} after its deadline; its angle is not known "
-                    "until it rests. If it is turning too slowly, it is worn or hindered"
+                    f"{self.name}: still at status {_in_words(code)} after its deadline; its angle is not known until "
+                    "it rests. If it turns too slowly, it is worn or blocked"
                 )
             self.sleep(_POLL_S)
         self._in_step = True
@@ -394,7 +391,7 @@ class EllxLink(Line):
         return int(self._await(question, "GS", deadline_s=self.now_s() + _REPLY_TIMEOUT_S), 16)
 
     def _clear_fault(self) -> None:
-        """Read the status once, which clears the fault that the stage has just reported."""
+        """Read the status once to clear a reported fault."""
         try:
             self._ask_status()
         except (ProtocolError, DeviceTimeoutError) as error:
@@ -410,7 +407,7 @@ def _in_words(code: int) -> str:
 
 
 def ask_elliptec(port: BytePort, *, now_s: Callable[[], float] = time.monotonic) -> list[Answer]:
-    """Return the Elliptec rotation stages on a line at 9600 bits/s, all sixteen addresses asked."""
+    """Return the Elliptec rotation stages at all sixteen addresses of a line at 9600 bits/s."""
     answers = []
     for address in "0123456789ABCDEF":
         question = command(address, "in")
@@ -422,10 +419,10 @@ def ask_elliptec(port: BytePort, *, now_s: Callable[[], float] = time.monotonic)
     return answers
 
 
-# How `rigctl devices` finds one: behind the FT230X of its interface board.
+# For `rigctl devices`: behind the FT230X of its interface board.
 PROBE = StageProbe(baud=BAUD, usb_ids=((0x0403, 0x6015),), ask=ask_elliptec)
 
-_SLOWEST_DEG_PER_S = 10.0  # an ELL14 does about 430; slower than this, something is wrong
+_SLOWEST_DEG_PER_S = 10.0  # an ELL14 reaches about 430; a slower one is faulty
 _START_S = 2.0
 _FULL_TURN_S = _START_S + 360.0 / _SLOWEST_DEG_PER_S
 
@@ -433,9 +430,9 @@ _FULL_TURN_S = _START_S + 360.0 / _SLOWEST_DEG_PER_S
 class EllxStage(SerialStage):
     """The stage behind a link. `open_elliptec` and `connect_elliptec` make one.
 
-    Moves are refused until `home` has been called on this connection, and again after the stage was seen to restart:
-    the protocol does not tell whether the stage has found its reference mark since power-up, and without it every angle
-    is off by an unknown amount. The remarks of the next `Move` list buttons of the handset that were pressed.
+    Moves are refused until `home` has been called on this connection, and again after a restart of the stage: the
+    protocol does not report if the stage was homed since power-up, and otherwise every angle is off by an unknown
+    amount. The remarks of the next `Move` list pressed buttons of the handset.
     """
 
     def __init__(self, link: EllxLink, information: Information, *, tolerance_deg: float) -> None:
@@ -467,7 +464,7 @@ class EllxStage(SerialStage):
         )
 
     def position(self) -> StagePosition:
-        """Return the encoder's reading, once two in a row agree: a single reply carries no checksum."""
+        """Return the encoder's reading once two in a row agree, because replies have no checksum."""
         return self._agreed_position(self._read_encoder)
 
     def status(self) -> StageStatus:
@@ -484,7 +481,7 @@ class EllxStage(SerialStage):
         )
 
     def stop(self) -> None:
-        """Stop a continuous motion. A move to a target cannot be broken off: the stage has no such command."""
+        """Stop a continuous motion. The stage has no command to interrupt a move to a target."""
         sent = command(self._link.address, "st")
         code = int(self._link.ask(sent, "GS"), 16)
         if code not in (OK, BUSY):
@@ -494,7 +491,7 @@ class EllxStage(SerialStage):
         if not self._homed or self._link.restarted:
             since = "it was restarted" if self._link.restarted else "the connection was made"
             raise LimitError(
-                f"{self._link.name}: it was not homed since {since}, so its angles mean nothing yet. Home it first"
+                f"{self._link.name}: it was not homed since {since}, so its angles are meaningless. Home it first"
             )
 
     def _read_encoder(self) -> StagePosition:
@@ -504,13 +501,13 @@ class EllxStage(SerialStage):
         return StagePosition(angle_deg=angle_deg, counts=counts)
 
     def _turn(self, angle_deg: float, *, way: Way) -> StagePosition:
-        """Turn by an absolute move if that leads the requested way; no absolute move leads through zero."""
+        """Turn by an absolute move if it goes the requested way; absolute moves never pass zero."""
         self._require_homed()
         here = self._read_encoder().counts if self._last_counts is None else self._last_counts
         by = self._route(here, angle_deg, way=way)
         target = counts_from_angle(angle_deg, pulses=self._pulses)
         if abs(here + by - target) > 1:  # each of the two was rounded
-            here = self.position().counts  # one damaged reading must not lead a relative move astray
+            here = self.position().counts  # one damaged reading must not misdirect a relative move
             by = self._route(here, angle_deg, way=way)
         letters, counts = ("ma", target) if abs(here + by - target) <= 1 else ("mr", by)
         sent = move(self._link.address, letters, counts=counts)
@@ -533,7 +530,7 @@ def connect_elliptec(
     now_s: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> EllxStage:
-    """Return the stage on an open line, once two descriptions of itself agree."""
+    """Return the stage on an open line, once two of its descriptions agree."""
     link = EllxLink(port, address=address, busy_timeout_s=_FULL_TURN_S, now_s=now_s, sleep=sleep)
     link.begin()
     return EllxStage(link, _ask_information(link), tolerance_deg=tolerance_deg)
@@ -559,11 +556,11 @@ def open_elliptec(
 
 
 def _ask_information(link: EllxLink) -> Information:
-    """Return the stage's description, read twice alike, since a damaged digit would change every angle."""
+    """Return the stage's description once two agree, since a damaged digit would change every angle."""
     digits = two_agree(
         lambda: link.ask(command(link.address, "in"), "IN"),
         name=link.name,
         tries=_TRIES,
-        differ=lambda before, latest: f"it says something else of itself each time: {before}, {latest}",
+        differ=lambda before, latest: f"its descriptions of itself differ: {before}, {latest}",
     )
     return information_of(digits)

@@ -1,4 +1,4 @@
-"""What all families of stages on serial ports share: opening, finding, the line, angles, and the way to an angle.
+"""Common parts of stages on serial ports: opening, finding, the line, angles, and moves.
 
 The module of a family has, in this order: its language without input or output, its line (a `Line`), and its stage (a
 `SerialStage`). Its entry point names a function `open_...`; `PROBE` lets `drivers.discovery` find it.
@@ -24,7 +24,7 @@ EventT = TypeVar("EventT", covariant=True)
 
 
 def open_stage_on(path: str, *, baud: int, connect: Callable[[SerialPort], StageT]) -> StageT:
-    """Return the stage on a serial port; the port is closed again where none can be made."""
+    """Return the stage on a serial port; the port is closed again on failure."""
     port = open_serial_port(path, baud=baud)
     try:
         return connect(port)
@@ -34,7 +34,7 @@ def open_stage_on(path: str, *, baud: int, connect: Callable[[SerialPort], Stage
 
 
 class Notes:
-    """Remarks on what was noticed on a line, the newest 20, for the next move."""
+    """The newest 20 remarks on a line, for the next move."""
 
     def __init__(self) -> None:
         self._texts: deque[str] = deque(maxlen=_NOTES_KEPT)
@@ -62,7 +62,7 @@ class Parser(Protocol[EventT]):
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """A stage that answered: at which address of its line (None where there is but one), and what it is."""
+    """A stage that answered: its address on the line (None if there is only one), and its identity."""
 
     address: str | None
     identity: DeviceIdentity
@@ -83,10 +83,10 @@ Clock = Callable[[], float]
 
 @dataclass(frozen=True, kw_only=True)
 class StageProbe:
-    """Means of finding a family; its module, which the entry point names, holds one as ``PROBE``."""
+    """Search for a family; the module in the entry point has one as ``PROBE``."""
 
     baud: int  #: Bit rate [1/s].
-    #: Vendor and product behind which hardly anything else can be; a product of None is any of the vendor's.
+    #: Vendor and product that identify the family; None stands for any product of the vendor.
     usb_ids: tuple[tuple[int, int | None], ...]
     ask: Callable[[BytePort], list[Answer]]  #: Returns the stages on an open line.
 
@@ -94,7 +94,7 @@ class StageProbe:
 def events_after(
     port: BytePort, question: bytes, parser: Parser[EventT], *, wait_s: float, enough: int | None, now_s: Clock
 ) -> list[EventT]:
-    """Ask; return what is understood of the answers, until enough came or the time is over."""
+    """Ask; return the understood answers, until enough came or the time is over."""
     port.write(question)
     events: list[EventT] = []
     deadline_s = now_s() + wait_s
@@ -114,14 +114,14 @@ def _understood(parser: Parser[EventT], data: bytes) -> list[EventT]:
         try:
             event = parser.next_event()
         except ProtocolError:
-            continue  # something else speaks on this line, or speaks too: what is not understood is no answer
+            continue  # another device answers on this line
         if event is None:
             return events
         events.append(event)
 
 
 class Line:
-    """The line to one stage: what waits is read or thrown away, and every wait has a deadline."""
+    """The line to one stage; every wait has a deadline."""
 
     def __init__(
         self, port: BytePort, parser: ResettableParser, *, name: str, now_s: Clock, sleep: Callable[[float], None]
@@ -135,7 +135,7 @@ class Line:
         self._port.close()
 
     def repeated(self, exchange: Callable[[], T], *, tries: int) -> T:
-        """Return what an exchange gives, repeated where the line is silent or damaged."""
+        """Return the result of an exchange, repeated if the line is silent or damaged."""
         for _ in range(tries - 1):
             try:
                 return exchange()
@@ -165,7 +165,7 @@ class Line:
 
 
 class SerialStage:
-    """What all stages behind a line have in common; a family adds home, position, status, stop, and how it turns."""
+    """Common part of all stages behind a line; a family adds home, position, status, stop and turning."""
 
     def __init__(self, link: Line, *, tolerance_deg: float, count_deg: float) -> None:
         half_count_deg = count_deg / 2.0
@@ -192,7 +192,7 @@ class SerialStage:
     def move_to(self, angle_deg: float, *, way: Way = "short") -> Move:
         """Go to a mechanical angle (any real number, taken modulo 360), and return once it is there.
 
-        It turns, reads back and corrects itself by the short way, three times at most.
+        It turns, reads back and corrects by the short way, three times at most.
         """
         require_finite(angle_deg)
         start_s = self._line.now_s()
@@ -207,18 +207,18 @@ class SerialStage:
                     remarks=self._line.notes.take(),
                 )
         raise LimitError(
-            f"{self._line.name}: sent to {angle_deg:g} deg {_TRIES} times, it stays at {position.angle_deg:.4f} deg, "
-            f"further off than the tolerance of {self._tolerance_deg:g} deg. Clean its track and check its load, or "
-            "allow more"
+            f"{self._line.name}: sent to {angle_deg:g} deg {_TRIES} times, it is at {position.angle_deg:.4f} deg, "
+            f"beyond the tolerance of {self._tolerance_deg:g} deg. Clean its track and check its load, or increase "
+            "tolerance_deg"
         )
 
     def _agreed_position(self, read: Callable[[], StagePosition]) -> StagePosition:
-        """Return a position once two readings in a row agree: a single answer carries no checksum."""
+        """Return a position once two readings in a row agree, because answers have no checksum."""
 
         def differ(before: StagePosition, latest: StagePosition) -> str:
             return (
                 f"readings of the position differ, at last {before.counts} and {latest.counts} counts. Check the "
-                "cable, and that nothing turns the stage"
+                "cable, and that nothing else turns the stage"
             )
 
         def near(before: StagePosition, latest: StagePosition) -> bool:
@@ -235,7 +235,7 @@ def two_agree(
     differ: Callable[[T, T], str],
     alike: Callable[[T, T], bool] = lambda before, latest: before == latest,
 ) -> T:
-    """Return a reading once two in a row are alike, else raise ProtocolError: one answer alone may be damaged."""
+    """Return a reading once two in a row agree, else raise ProtocolError: a single answer may be damaged."""
     latest = read()
     for _ in range(tries):
         before, latest = latest, read()
@@ -245,7 +245,7 @@ def two_agree(
 
 
 def wrapped_deg(angle_deg: float) -> float:
-    """Return an angle, such as a difference of two, brought into [-180, 180) deg."""
+    """Return an angle modulo 360 in [-180, 180) deg."""
     return (angle_deg + 180.0) % _TURN_DEG - 180.0
 
 
@@ -262,7 +262,7 @@ def require_finite(angle_deg: float) -> float:
 
 
 def route_deg(from_deg: float, angle_deg: float, *, way: Way, near_deg: float) -> float:
-    """Return by how much to turn [deg] to get from one angle to another."""
+    """Return the turn from one angle to another [deg]."""
     short_deg = wrapped_deg(angle_deg - from_deg)
     if abs(short_deg) <= near_deg or way == "short":
         return short_deg
@@ -274,7 +274,7 @@ def route_deg(from_deg: float, angle_deg: float, *, way: Way, near_deg: float) -
 def target_within_deg(
     from_deg: float, angle_deg: float, *, way: Way, near_deg: float, lowest_deg: float, highest_deg: float
 ) -> float:
-    """Return where to go on a scale that counts on through full turns [deg], within the limits of that scale."""
+    """Return the target on a scale that continues through full turns, within its limits [deg]."""
     target_deg = from_deg + route_deg(from_deg, angle_deg, way=way, near_deg=near_deg)
     if lowest_deg <= target_deg <= highest_deg:
         return target_deg
@@ -283,5 +283,5 @@ def target_within_deg(
     if way == "short" and lowest_deg <= target_deg + turns * _TURN_DEG <= highest_deg:
         return target_deg + turns * _TURN_DEG
     raise LimitError(
-        f"angle {angle_deg:g} deg ({way} way) is outside of the stage's limits, {lowest_deg:g} to {highest_deg:g} deg"
+        f"angle {angle_deg:g} deg ({way} way) is outside the stage's limits, {lowest_deg:g} to {highest_deg:g} deg"
     )

@@ -4,8 +4,8 @@ Language: a command is ``/device axis id words:CK`` and a line feed; a reply is 
 data:CK``, carriage return, line feed. CK is two hexadecimal digits that make the bytes after the first character add
 up to 0 modulo 256; the id, 00 to 99, is that of the command that is answered.
 
-Line: by message id and checksum a late or damaged answer is told from the right one at once. Any command used here may
-be sent again: none of them moves by a distance.
+Line: message id and checksum reveal late and damaged answers. Every command used here may be repeated: none moves by a
+distance.
 
 Source: Zaber Technologies, "ASCII Protocol Manual".
 """
@@ -76,7 +76,7 @@ FLAG_MEANINGS = {
 NOT_HOMED = frozenset({"WR", "WH"})
 
 REJECTIONS = {
-    "AGAIN": "cannot be done just now",
+    "AGAIN": "not possible at present",
     "BADAXIS": "there is no such axis",
     "BADCOMMAND": "command or setting not known",
     "BADDATA": "value not allowed",
@@ -97,25 +97,25 @@ _LONGEST_UNREAD = 1024  # bytes; a reply has 80 at most
 class Reply:
     """The answer to one command."""
 
-    device: int  #: Who answers; axis 0 is the device itself.
+    device: int  #: Sender; axis 0 is the device itself.
     axis: int
     message_id: int | None  #: Of the command that is answered.
-    accepted: bool  #: Whether the command was accepted; else `data` is the reason.
+    accepted: bool  #: True if the command was accepted; else `data` is the reason.
     busy: bool  #: Whether the axis moves.
     flag: str  #: The most severe flag of `FLAG_MEANINGS`, or "--".
     data: str  #: What was asked for.
-    checked: bool  #: Whether a checksum came with it.
+    checked: bool  #: True if it came with a checksum.
 
 
 def check_address(address: str) -> int:
-    """Return the address as a number if it is one that a device can have, else raise LimitError."""
+    """Return the address as a number if a device can have it, else raise LimitError."""
     if not re.fullmatch("[0-9]{1,2}", address) or int(address) == 0:
         raise AddressError(f"address {address!r}: a Zaber address is a number from 1 to 99")
     return int(address)
 
 
 def checksum(text: str) -> str:
-    """Return the two digits that make the bytes of a text add up to 0 modulo 256."""
+    """Return the two hexadecimal digits of the checksum of a text."""
     return f"{-sum(text.encode('ascii')) & 0xFF:02X}"
 
 
@@ -126,9 +126,9 @@ def command(words: str, *, device: int, axis: int, message_id: int) -> bytes:
 
 
 def whole_number(data: str) -> int:
-    """Return the whole number that a reply's data are. Raises ProtocolError."""
+    """Return the data of a reply as an integer. Raises ProtocolError."""
     if not re.fullmatch("-?[0-9]{1,18}", data):
-        raise ProtocolError(f"{data!r} is no whole number")
+        raise ProtocolError(f"{data!r} is not an integer")
     return int(data)
 
 
@@ -140,7 +140,7 @@ def warning_flags(data: str) -> tuple[str, ...]:
         or int(count) != len(found)
         or not all(re.fullmatch("[A-Z0-9]{2}", flag) for flag in found)
     ):
-        raise ProtocolError(f"{data!r} is no list of warning flags")
+        raise ProtocolError(f"{data!r} is not a list of warning flags")
     return tuple(found)
 
 
@@ -160,11 +160,11 @@ class ReplyParser:
         self._unread = b""
 
     def feed(self, data: bytes) -> None:
-        """Take bytes in. Raises ProtocolError, and forgets them, when too many are unread."""
+        """Add bytes. Raises ProtocolError and discards them if too many are unread."""
         self._unread += data
         if len(self._unread) > _LONGEST_UNREAD:
             start, self._unread = self._unread[:16], b""
-            raise ProtocolError(f"more than {_LONGEST_UNREAD} bytes that make no message, beginning {start!r}")
+            raise ProtocolError(f"more than {_LONGEST_UNREAD} bytes without a message, beginning {start!r}")
 
     def next_event(self) -> Reply | None:
         """Return the next whole reply, or None when more bytes are needed; alerts and information are skipped."""
@@ -212,12 +212,12 @@ _PROBE_ANSWER_S = 0.2
 _TRIES = 6
 _REPLY_TIMEOUT_S = 0.5  # the longest reply takes 7 ms on the line, a USB adapter adds 16 ms
 _AGAIN_PAUSE_S = 0.1
-# A command that was damaged on its way may be refused for any of these, although it was good when it was sent.
+# Possible refusals of a command that was damaged in transmission.
 _WORTH_ANOTHER_TRY = frozenset({"AGAIN", "BADAXIS", "BADCOMMAND", "BADDATA", "BADMESSAGEID"})
 
 
 class ZaberLink(Line):
-    """The line to one device (address 1 to 99) at 115200 bits/s; its notes are flags and repeated questions."""
+    """The line to one device (address 1 to 99) at 115200 bits/s; notes list flags and repeated questions."""
 
     def __init__(
         self, port: BytePort, *, address: str, now_s: Callable[[], float], sleep: Callable[[float], None]
@@ -233,11 +233,11 @@ class ZaberLink(Line):
         self._ask("set comm.checksum 1", axis=0, unchecked=True)
 
     def ask(self, words: str, *, axis: int = 1) -> Reply:
-        """Return the reply to a command, which may be sent up to six times."""
+        """Return the reply to a command, sent up to six times."""
         return self._ask(words, axis=axis, unchecked=False)
 
     def get_or_none(self, setting: str, *, axis: int = 1) -> str | None:
-        """Return a setting's value, or None when this device's firmware does not know the setting."""
+        """Return the value of a setting, or None if the firmware does not know it."""
         try:
             return self.ask(f"get {setting}", axis=axis).data
         except DeviceFaultError as error:
@@ -270,7 +270,7 @@ class ZaberLink(Line):
         self._port.write(sent)
         reply = self._await(sent, message_id, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
         if not (reply.checked or unchecked):
-            raise ProtocolError(f"{self.name}: after {sent!r}: a reply came without checksum: {reply.data!r}")
+            raise ProtocolError(f"{self.name}: the reply to {sent!r} has no checksum: {reply.data!r}")
         if not reply.accepted:
             meaning = REJECTIONS.get(reply.data, "not in the manual")
             raise self.fault(reply.data, meaning, advice=f"That was refused: {sent!r}")
@@ -282,7 +282,7 @@ class ZaberLink(Line):
             try:
                 reply = self._parser.next_event()
             except ProtocolError as error:
-                damaged = error  # it may be another's: what was asked for may yet come
+                damaged = error  # perhaps of another command; the requested reply may still come
                 continue
             if reply is not None and reply.device == self._device and reply.message_id == message_id:
                 return reply
@@ -311,15 +311,15 @@ def ask_zaber(port: BytePort, *, now_s: Callable[[], float] = time.monotonic) ->
     ]
 
 
-# How `rigctl devices` finds one. A plain FT232R (0403:6001), which some cables have, is in thousands of other devices.
+# For `rigctl devices`. Some cables have a plain FT232R (0403:6001), but so have thousands of other devices.
 PROBE = StageProbe(baud=BAUD, usb_ids=((0x2939, None),), ask=ask_zaber)
 
 _POLL_S = 0.05
 _START_S = 2.0
-_SLOWER_THAN_TOLD = 3.0  # a motion may take this many times what the stage's own top speed makes of it
+_SLOWER_THAN_TOLD = 3.0  # longest duration of a motion over that at top speed
 _HOME_S = 120.0
-_MAXSPEED_UNIT = 1.6384  # the setting `maxspeed` is this many times the microsteps in a second
-_TURN_RANGE = (1 << 12, 1 << 28)  # microsteps a turn; 0.09 to 0.0000013 degrees each
+_MAXSPEED_UNIT = 1.6384  # the setting `maxspeed` over microsteps per second
+_TURN_RANGE = (1 << 12, 1 << 28)  # microsteps per turn; 0.09 to 0.0000013 degrees each
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -327,17 +327,17 @@ class Scale:
     """Relation of microsteps and angles of a stage, as read from it."""
 
     counts_per_turn: int  #: Microsteps of a full turn.
-    lowest_deg: float  #: Limits of the position, counted on through full turns.
+    lowest_deg: float  #: Limits of the position, which continues through full turns.
     highest_deg: float
     speed_deg_per_s: float  #: The stage's own top speed.
-    reading: str  #: The setting that tells where the ring is: the encoder's where there is one.
+    reading: str  #: The setting with the position: the encoder's if there is one.
 
 
 class ZaberStage(SerialStage):
     """The stage behind a link. `open_zaber` and `connect_zaber` make one.
 
-    Whether it was homed since its power-up is known to the stage itself (flags WR and WH) and asked before each move.
-    Without an encoder the readback is what the motor was told: a slipping gear does not show in it.
+    The stage knows if it was homed since power-up (flags WR and WH) and is asked before each move. Without an encoder
+    the readback is the command of the motor, which does not show a slipping gear.
     """
 
     def __init__(self, link: ZaberLink, identity: DeviceIdentity, scale: Scale, *, tolerance_deg: float) -> None:
@@ -355,13 +355,11 @@ class ZaberStage(SerialStage):
         self._link.ask("home")
         self._await_rest(deadline_s=self._link.now_s() + _HOME_S)
         for flag in sorted(NOT_HOMED & set(self._take_flags())):
-            raise self._link.fault(
-                flag, FLAG_MEANINGS[flag], advice="It was told to home and came to rest without. Try again"
-            )
+            raise self._link.fault(flag, FLAG_MEANINGS[flag], advice="It came to rest without homing. Try again")
         return self.position()
 
     def position(self) -> StagePosition:
-        """Return the reading of the encoder, or of the motor's own count where there is no encoder."""
+        """Return the reading of the encoder, or of the motor's count without an encoder."""
         counts = whole_number(self._link.ask(f"get {self._scale.reading}").data)
         return StagePosition(angle_deg=counts * 360.0 / self._scale.counts_per_turn % 360.0, counts=counts)
 
@@ -404,8 +402,8 @@ class ZaberStage(SerialStage):
             if self._link.now_s() >= deadline_s:
                 self._link.ask("stop")
                 raise DeviceTimeoutError(
-                    f"{self._link.name}: still moving after its deadline, so it was stopped. It is worn or hindered, "
-                    "or its speed is set too low"
+                    f"{self._link.name}: still moving after its deadline, so it was stopped. It is worn or blocked, or "
+                    "its speed is set too low"
                 )
             self._link.sleep(_POLL_S)
 
@@ -467,7 +465,7 @@ def open_zaber(
 
 
 def read_identity(link: ZaberLink) -> DeviceIdentity:
-    """Return a device's identity; its name is only in the maker's database, so the model is a number."""
+    """Return a device's identity; the model is a number, since names are only in the maker's database."""
     model, serial_number, firmware = (
         link.ask(f"get {setting}", axis=0).data for setting in ("deviceid", "system.serial", "version")
     )
@@ -480,7 +478,7 @@ def _read_scale(link: ZaberLink, *, steps_per_turn: int | None) -> Scale:
         whole_number(link.ask(f"get {setting}").data) for setting in ("limit.min", "limit.max", "maxspeed")
     )
     if speed <= 0 or lowest >= highest:
-        raise ProtocolError(f"{link.name}: maxspeed {speed}, limits {lowest} to {highest}: it cannot turn like that")
+        raise ProtocolError(f"{link.name}: maxspeed {speed}, limits {lowest} to {highest}: it cannot turn with these")
     return Scale(
         counts_per_turn=turn,
         lowest_deg=lowest * 360.0 / turn,
@@ -491,21 +489,21 @@ def _read_scale(link: ZaberLink, *, steps_per_turn: int | None) -> Scale:
 
 
 def _counts_per_turn(link: ZaberLink, *, steps_per_turn: int | None) -> int:
-    """Return the microsteps of a turn: read from the stage, or from the data sheet and the resolution."""
+    """Return the microsteps per turn: from the stage, or from the data sheet and the resolution."""
     resolution = whole_number(link.ask("get resolution").data)
     told = link.get_or_none("limit.cycle.dist")
     if told is None and steps_per_turn is None:
         raise LimitError(
-            f"{link.name}: its firmware does not tell the microsteps of a turn. Give the motor steps of a full turn "
-            "from its data sheet: steps_per_turn = (motor steps a revolution) x (gear ratio)"
+            f"{link.name}: its firmware does not report the microsteps per turn. Take the motor steps per turn from "
+            "its data sheet: steps_per_turn = (motor steps per revolution) x (gear ratio)"
         )
     turn = resolution * (steps_per_turn or 0) if told is None else whole_number(told)
     if steps_per_turn is not None and turn != resolution * steps_per_turn:
         raise LimitError(
-            f"{link.name}: it counts {turn} microsteps a turn, and steps_per_turn = {steps_per_turn} at its resolution "
-            f"of {resolution} makes {resolution * steps_per_turn}. Another stage, or a wrong number"
+            f"{link.name}: it has {turn} microsteps per turn, but steps_per_turn = {steps_per_turn} at its resolution "
+            f"of {resolution} gives {resolution * steps_per_turn}. Correct steps_per_turn, or the stage is another one"
         )
     lowest, highest = _TURN_RANGE
     if not lowest <= turn <= highest:
-        raise ProtocolError(f"{link.name}: {turn} microsteps a turn are not plausible ({lowest} to {highest})")
+        raise ProtocolError(f"{link.name}: {turn} microsteps per turn are not plausible ({lowest} to {highest})")
     return turn

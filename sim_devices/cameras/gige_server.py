@@ -1,9 +1,9 @@
-"""A simulated camera on the network: any GigE Vision program can take pictures of the simulated world with it.
+"""A simulated camera on the network, for any GigE Vision program.
 
-libaravis's own simulated device answers on the network and asks Python for every picture. It neither sends a packet
-twice nor has a clock that can be read, so a network stands before it (control: GVCP, pictures: GVSP): it loses packets,
-keeps those that passed for a while, sends them again on request, and answers for a clock that may follow a PTP master.
-Written from the GigE Vision standard and the names of GenICam, without the driver's code.
+libaravis's own simulated device answers on the network and gets every picture from Python. It cannot resend packets and
+has no readable clock. A simulated network in front of it (control: GVCP, pictures: GVSP) loses packets, stores recent
+ones, resends them on request, and provides a clock that may follow a PTP master. Written from the GigE Vision standard
+and the names of GenICam, without the driver's code.
 """
 
 import ctypes
@@ -48,29 +48,29 @@ _FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "arv_buffer_get_image_height": (ctypes.c_int, (_POINTER,)),
 }
 
-# How often the device looks whether it was triggered; its own 25 would make every picture wait 20 ms in the mean.
+# Rate at which the device looks for a trigger; its own 25 Hz would delay pictures by 20 ms on average.
 _TRIGGER_LOOKS_HZ = 1000.0
 _CONTROL_PORT = 3956
-_CAPABILITY, _RESEND_CAPABILITY = 0x0934, 0x4  # what it can beyond the standard's least
+_CAPABILITY, _RESEND_CAPABILITY = 0x0934, 0x4  # capabilities beyond the standard's minimum
 
 Fill = Callable[[int, int, int, int, int], bytes]
 """Width, height, exposure [us], gain [dB] and pixel format in; the bytes of a picture out."""
 
 
 class AravisDevice:
-    """A device on the network, off at first.
+    """A device on the network, initially off.
 
     Parameters
     ----------
     address : str
-        Of one of this machine's interfaces. One device an address: the standard fixes the port, 3956.
+        Address of one of this machine's interfaces, for one device, since the standard fixes the port 3956.
     serial_number : str
         At most 15 letters.
     edit_features : callable
-        Makes the device's list of features (GenICam XML) out of the library's own.
+        Makes the device's list of features (GenICam XML) from the library's own.
     fill : callable
-        Makes a picture. It is called in a thread of the library. What it raises is kept in `failures`, and such
-        pictures are what their buffer held before.
+        Makes a picture, in a thread of the library. Exceptions are kept in `failures`, and the buffer of such a picture
+        is unchanged.
 
     Raises
     ------
@@ -86,11 +86,11 @@ class AravisDevice:
         self.failures: list[Exception] = []
         self._callback = _callback(self._library, fill, self.failures)
         self._camera: int | None = None
-        # Power comes and goes in one thread while another one asks.
+        # One thread switches the power while another uses it.
         self._lock = threading.RLock()
 
     def power_up(self) -> None:
-        """Answer on the network, with every register as the library has it.
+        """Answer on the network, with the registers of the library.
 
         Raises
         ------
@@ -106,19 +106,19 @@ class AravisDevice:
             self.promise_resends(self._resends)
 
     def power_down(self) -> None:
-        """Answer no more; not to be called from within `fill`, whose thread ends first. May be called twice."""
+        """Stop answering; not to be called from within `fill`, whose thread ends first. May be called twice."""
         with self._lock:
             camera, self._camera = self._camera, None
         if camera is not None:
             self._gobject.g_object_unref(camera)
 
     def write_register(self, address: int, value: int) -> None:
-        """Set a register behind the back of whoever controls the device."""
+        """Set a register without the controlling program."""
         with self._lock:
             self._library.arv_fake_camera_write_register(self._registers(), address, value)
 
     def read_register(self, address: int) -> int:
-        """Return what a register holds; 0 of a device without power."""
+        """Return the value of a register; 0 without power."""
         with self._lock:
             if self._camera is None:
                 return 0
@@ -127,12 +127,12 @@ class AravisDevice:
             return value.value
 
     def promise_resends(self, resends: bool) -> None:
-        """Say from now on whether lost packets are sent again; whoever stands before the device sees to it."""
+        """State whether lost packets are sent again; the simulated network does it."""
         self._resends = resends
         self.write_register(_CAPABILITY, _RESEND_CAPABILITY if resends else 0)
 
     def lose_packets(self, share: float) -> None:
-        """Leave out this share of the packets of pictures until the power goes."""
+        """Lose this share of the packets of pictures until the power goes off."""
         with self._lock:
             if self._camera is not None:
                 self._gobject.g_object_set(_POINTER(self._camera), b"gvsp-lost-ratio", ctypes.c_double(share), None)
@@ -152,19 +152,19 @@ class AravisDevice:
             )
         if not self._library.arv_gv_fake_camera_is_running(camera):
             self._gobject.g_object_unref(camera)
-            raise NotConnectedError(f"no GigE camera can be served on {self.address}: the library does not say why")
+            raise NotConnectedError(f"no GigE camera can be served on {self.address}: the library gives no reason")
         return camera
 
 
 def _refuse_taken(address: str) -> None:
-    """Refuse an address that somebody listens on: the library would listen there too, and both would answer."""
+    """Refuse an address in use, since the library would listen there too and both would answer."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind((address, _CONTROL_PORT))
         except OSError as error:
             raise NotConnectedError(
-                f"no GigE camera can be served on {address}, port {_CONTROL_PORT}: {error.strerror}. It has to be an "
-                "address of this machine, with no other camera on it"
+                f"no GigE camera can be served on {address}, port {_CONTROL_PORT}: {error.strerror}. Use an address of "
+                "this machine without another camera"
             ) from error
 
 
@@ -174,7 +174,7 @@ def _callback(library: ctypes.CDLL, fill: Fill, failures: list[Exception]) -> An
         height = library.arv_buffer_get_image_height(buffer)
         try:
             picture = fill(width, height, exposure_us, gain, pixel_format)
-        except Exception as error:  # must not get into the library, which would end the program
+        except Exception as error:  # must not reach the library, which would end the program
             failures.append(error)
             return
         room = width * height * (pixel_format >> 16 & 0xFF) // 8
@@ -204,10 +204,10 @@ def _own_features(library: ctypes.CDLL) -> str:
     return xml.rstrip(b"\0").decode()
 
 
-# Registers of the standard: how fast the clock counts, what latches it, and what was latched, each value in two halves.
+# Registers of the standard: frequency of the clock, its latch, and the latched value, in two halves each.
 FREQUENCY, CONTROL, LATCHED = 0x093C, 0x0944, 0x0948
 _LATCH = 2
-# Memory that the library's device does not use.
+# Memory unused by the library's device.
 _PTP_ENABLE, _PTP_LATCH, _PTP_STATUS, _PTP_OFFSET = 0x0500, 0x0504, 0x0508, 0x050C
 _LISTENING, _SLAVE, _DISABLED = 4, 9, 3  # as IEEE 1588 numbers the states
 _TAI_AHEAD_S = 37
@@ -245,20 +245,20 @@ _PTP_NODES = """
 
 @dataclass(frozen=True, kw_only=True)
 class ClockTruth:
-    """What the clock of a camera is like.
+    """Properties of a camera's clock.
 
     Attributes
     ----------
     drift_ppm : float
-        By how much it is faster than true.
+        Relative excess of its rate.
     tick_hz : int
-        What it counts in.
+        Ticks per second.
     start_s : float
-        What it said when it was made: cameras count from their power-up.
+        Initial reading: cameras count from power-up.
     has_ptp : bool
-        Whether it can follow a master, whose time is TAI by the host's own clock.
+        True if it can follow a master with TAI from the host's clock.
     master_ahead_s, ptp_offset_ns : float, int
-        How far the master is ahead of TAI, and the camera of its master.
+        Lead of the master over TAI, and of the camera over its master.
     """
 
     drift_ppm: float = 0.0
@@ -292,7 +292,7 @@ class DeviceClock:
         return xml.replace("</RegisterDescription>", f"{nodes}</RegisterDescription>")
 
     def ticks(self, true_utc_ns: int | None = None) -> int:
-        """Return what the clock said at a time by the host's clock; None: what it says."""
+        """Return the reading of the clock at a time of the host's clock; None for now."""
         utc_ns, now_ns = self._utc_ns(), self._now_ns()
         ago_ns = 0 if true_utc_ns is None else utc_ns - true_utc_ns
         if self._is_slave():
@@ -302,7 +302,7 @@ class DeviceClock:
         return round((self.truth.start_s + since_s * (1.0 + self.truth.drift_ppm * 1e-6)) * self.truth.tick_hz)
 
     def stamp(self, true_utc_ns: int) -> int:
-        """Return what the clock said when a picture was taken."""
+        """Return the reading of the clock when a picture was taken."""
         self.stamped_utc_ns = true_utc_ns
         return self.ticks(true_utc_ns)
 
@@ -340,29 +340,28 @@ class DeviceClock:
 
 @dataclass(frozen=True, kw_only=True)
 class GigeFaults:
-    """Faults. A number of a picture is counted from the camera's power-up, from 1; None: never.
+    """Faults. Pictures are counted from 1 at power-up; None: never.
 
     Attributes
     ----------
     lost_share : float
-        Share of the packets of pictures that are lost on their way, 0 to below 1.
+        Share of the packets of pictures that are lost, 0 to below 1.
     resends : bool
-        Whether it sends lost packets again when it is asked to.
+        True if it sends lost packets again on request.
     die : int or None
-        At this picture its power goes for good.
+        Its power goes off for good at this picture.
     restart : int or None
-        At this picture its power goes and comes back: all settings are those of a power-up. It does so again at this
-        picture after that.
+        Its power goes off and comes back at this picture, with the settings of a power-up; again after as many more.
     off_s : float
-        How long the power is off at a restart.
+        Time without power at a restart.
     hang : int or None
-        At this picture it answers nobody for a while.
+        It stops answering at this picture for `hang_s`.
     hang_s : float
-        For how long.
+        Time without answers.
     forget : int or None
-        After this picture its exposure is another one, set by nobody.
+        After this picture its exposure changes on its own.
     clock : ClockTruth or None
-        What its clock is like, where it can be read, as behind a network (`serve_behind_network`); None: it cannot.
+        Its clock if it can be read, as in `serve_behind_network`; None if not.
     """
 
     lost_share: float = 0.0
@@ -377,10 +376,9 @@ class GigeFaults:
 
 
 class FaultyPower:
-    """Counts pictures, and lets go wrong what is to. A context manager: leaving it ends a hang and whatever waits.
+    """Counts pictures and causes the faults. A context manager: leaving it ends a hang and all waiting.
 
-    The power cannot go in the thread in which the pictures are made, since that thread ends with it: another one waits
-    for that.
+    Another thread switches the power off, because the thread that makes the pictures ends with it.
     """
 
     def __init__(
@@ -410,19 +408,19 @@ class FaultyPower:
         self._thread.join()
 
     def before_picture(self) -> None:
-        """Count a picture that is about to be made; called in the thread that makes it."""
+        """Count a picture before it is made, in the same thread."""
         self._pictures += 1
         faults, number = self._faults, self._pictures
         if number == faults.hang:
             self._is_over.wait(faults.hang_s)
         if number in (faults.die, faults.restart):
-            # Another picture may be counted before the power goes.
+            # Another picture may be counted before the power goes off.
             self._is_for_good = number == faults.die
             self._cut()
             self._switch.set()
 
     def after_picture(self) -> None:
-        """Let the settings change, where this picture was to be the last with the right ones."""
+        """Change the settings after the last picture with the right ones."""
         if self._pictures == self._faults.forget:
             self._forget()
 
@@ -439,7 +437,7 @@ class FaultyPower:
 MONO8, MONO10, MONO12, MONO16 = 0x01080001, 0x01100003, 0x01100005, 0x01100007
 MONO12_PACKED, MONO12P = 0x010C0006, 0x010C0047
 BAYER_RG12 = 0x01100011
-# As LUCID numbers them.
+# LUCID's numbers.
 POLARIZE_MONO8, POLARIZE_MONO12, POLARIZE_MONO12P = 0x81080001, 0x81100008, 0x810C0047
 FORMATS = {
     "Mono8": MONO8,
@@ -448,7 +446,7 @@ FORMATS = {
     "Mono16": MONO16,
     "Mono12Packed": MONO12_PACKED,
     "Mono12p": MONO12P,
-    "BayerRG12": BAYER_RG12,  # what the source has is taken for a mosaic
+    "BayerRG12": BAYER_RG12,  # the source is read as a mosaic
     "PolarizeMono8": POLARIZE_MONO8,
     "PolarizeMono12": POLARIZE_MONO12,
     "PolarizeMono12p": POLARIZE_MONO12P,
@@ -470,7 +468,7 @@ _BITS = {
 def bytes_of(counts: NDArray[np.uint16], *, bit_depth: int, pixel_format: int) -> bytes:
     """Return a picture as a camera sends it."""
     if pixel_format not in _BITS:
-        raise ValueError(f"pixel format {pixel_format:#010x}: not one that this camera sends")
+        raise ValueError(f"pixel format {pixel_format:#010x} is not supported by this camera")
     spare = _BITS[pixel_format] - bit_depth
     samples = (np.left_shift(counts, spare) if spare >= 0 else np.right_shift(counts, -spare)).ravel()
     if pixel_format in (MONO8, POLARIZE_MONO8):
@@ -563,7 +561,7 @@ _ADDRESS_IN_DISCOVERY = 36  # of its data, the last four of 16 bytes
 _PICTURE = struct.Struct(">HHI")  # status, picture, kind and number of the packet
 _NUMBER = 0xFFFFFF
 _LEADER, _KIND = 1, 0x7F
-_STAMP = slice(12, 20)  # of a leader: when its picture was taken, by the camera's clock
+_STAMP = slice(12, 20)  # of a leader: time of its picture by the camera's clock
 _HEADERS_BYTES = 28  # IP and UDP
 _KEPT_PICTURES = 8
 _SOCKET_BYTES = 2**22
@@ -572,7 +570,7 @@ _LOOK_S = 0.1
 
 
 class _LossyNetwork:
-    """Stands at an address of its own for a camera; `lossy_network` makes one."""
+    """Simulated network with its own address in front of a camera; `lossy_network` makes one."""
 
     def __init__(
         self,
@@ -662,7 +660,7 @@ class _LossyNetwork:
         self._to_camera.sendto(self._redirected(data, asker) if command == _WRITE_REGISTER else data, self._camera)
 
     def _answer_of_clock(self, command: int, content: bytes) -> bytes | None:
-        """Return what the camera's clock answers; None where it is not asked."""
+        """Return the answer of the camera's clock; None for other requests."""
         clock = self._clock
         if clock is None or len(content) < 4 or not clock.has(int.from_bytes(content[:4], "big")):
             return None
@@ -679,7 +677,7 @@ class _LossyNetwork:
         return None
 
     def _redirected(self, data: bytes, asker: tuple[str, int]) -> bytes:
-        """Let the camera send its pictures here, and remember where they were to go."""
+        """Redirect the camera's pictures here, and note their destination."""
         told = bytearray(data)
         for place in range(_CONTROL.size, len(data) - 7, 8):
             register = int.from_bytes(data[place : place + 4], "big")
@@ -711,7 +709,7 @@ class _LossyNetwork:
         self._control.sendto(bytes(told), asker)
 
     def _send_again(self, wanted: bytes) -> None:
-        """Send packets of a picture once more, as far as they are still known."""
+        """Send stored packets of a picture again."""
         _channel, picture, first, last = struct.unpack(">HHII", wanted[:12])
         for number in range(first & _NUMBER, (last & _NUMBER) + 1):
             packet = self._kept.get(picture, {}).get(number) if self._resends else None
@@ -730,10 +728,10 @@ def lossy_network(
     clock: DeviceClock | None = None,
     seed: int = 0,
 ) -> Iterator[None]:
-    """Put a network between a camera at one address and everybody who turns to the other one.
+    """Put a simulated network between a camera at one address and clients of another address.
 
-    It loses a share of the packets of pictures, sent again or not, and all that are larger (with their headers) than
-    `largest_bytes`, as a switch without jumbo frames does. It sends packets again on request if `resends`.
+    It loses a share of all packets of pictures, and those larger than `largest_bytes` with headers, like a switch
+    without jumbo frames. It sends packets again on request if `resends`.
     """
     network = _LossyNetwork(
         camera=camera,
@@ -765,7 +763,7 @@ def _socket(address: str, port: int) -> socket.socket:
 
 _ENDLESS_S = 1e9
 _START_TEMPERATURE_TENTHS_C = 285
-# An automatic exposure that was left on shows in the picture.
+# The picture shows an automatic exposure that was left on.
 _AUTOMATIC_FACTOR = 2.0
 _FORGOTTEN_EXPOSURE_US = 1234
 
@@ -785,18 +783,18 @@ def serve_gige_camera(
     Parameters
     ----------
     source : Camera
-        Makes the pictures; nobody else may use it meanwhile. It need not wait for its exposures.
+        Makes the pictures, for this server alone. It need not wait for its exposures.
     address : str
-        Of one of this machine's interfaces.
+        Address of one of this machine's interfaces.
     serial_number : str
-        What the camera says that it is.
+        Reported serial number.
     faults : GigeFaults or None
         What goes wrong.
     clock : DeviceClock or None
-        Of which its list of features tells; whoever stands before it answers for the clock.
+        Clock in its list of features; the simulated network answers for it.
     wait : callable
-        Waits out an exposure [s] once the picture is made, so that light is from the exposure's start and the picture
-        leaves at its end.
+        Waits for an exposure [s] after the picture is made, so that the light is from its start and the picture leaves
+        at its end.
 
     Raises
     ------
@@ -805,10 +803,10 @@ def serve_gige_camera(
 
     Notes
     -----
-    It powers up with automatic exposure and gain and with a gamma, as real cameras do; then pictures are of twice the
-    exposure that was set, and bent. It sends no packet twice (behind `serve_behind_network` it does), and does not
-    bin. Nobody is answered during an exposure: longer ones than 2 s look like a camera that hangs. What the source
-    raises is raised when the context is left.
+    Like real cameras it powers up with automatic exposure and gain and with a gamma; pictures then have twice the
+    exposure and a nonlinear response. It does not resend packets (except behind `serve_behind_network`) and cannot bin.
+    It does not answer during an exposure, so that longer ones than 2 s look like a hang. Exceptions of the source are
+    raised when the context is left.
     """
     served = _ServedCamera(
         source, address=address, serial_number=serial_number, faults=faults or GigeFaults(), clock=clock, wait=wait
@@ -832,7 +830,7 @@ def serve_behind_network(
     faults: GigeFaults,
     wait: Callable[[float], None] = time.sleep,
 ) -> Iterator[str]:
-    """Serve a camera of this machine behind a network that loses what the faults say; give the address to turn to.
+    """Serve a camera of this machine behind a simulated network with faults; yield the address for clients.
 
     Parameters are those of `serve_gige_camera`; the camera itself is at 127.0.0.1, and the address is another one of
     127.0.0.0/8. Its clock is as `faults.clock` says. Raises as that.
@@ -848,7 +846,7 @@ def serve_behind_network(
 
 
 class _ServedCamera:
-    """Makes the pictures that the device asks for, with the settings that its client has written."""
+    """Makes the pictures for the device, with the settings from its client."""
 
     def __init__(
         self,
@@ -896,7 +894,7 @@ class _ServedCamera:
             self.device.write_register(register, value)
 
     def _fill(self, width: int, height: int, exposure_us: int, gain_db: int, pixel_format: int) -> bytes:
-        """Return the bytes of a picture of the world as it is now."""
+        """Return the bytes of a picture of the present world."""
         self.power.before_picture()
         asked = (self._factor() * exposure_us / 1e6, float(gain_db))
         if asked != self._asked:
@@ -909,7 +907,7 @@ class _ServedCamera:
         return bytes_of(region, bit_depth=self._settings.bit_depth, pixel_format=pixel_format)
 
     def _bent(self, counts: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        """Return counts as a screen wants them, where that was left on."""
+        """Return counts with gamma, if it was left on."""
         if not self.device.read_register(GAMMA):
             return counts
         full_dn = 2**self._settings.bit_depth - 1

@@ -24,11 +24,11 @@ class AptModel:
     """A controller with its stage."""
 
     counts_per_deg: float  #: Counts of a degree.
-    velocity_per_deg_per_s: float  #: What the controller calls a degree a second.
-    is_stepper: bool  #: Whether it speaks the messages of stepper motors, else those of DC servo motors.
-    stage_id: int  #: What it says of the stage that is plugged into it; 0 for one that is built in.
-    serial_number: int  #: The maker numbers its controllers by kind.
-    home_offset_counts: int  #: How far behind its mark it calls home when it comes.
+    velocity_per_deg_per_s: float  #: Controller units of a degree per second.
+    is_stepper: bool  #: True for the messages of stepper motors, else those of DC servo motors.
+    stage_id: int  #: Reported number of the connected stage; 0 for a built-in one.
+    serial_number: int  #: First digits of the serial number of this kind of controller.
+    home_offset_counts: int  #: Default distance of home behind the mark.
 
 
 _K10CR = 409600.0 / 3.0
@@ -69,10 +69,10 @@ class AptOptions(StageOptions):
     landing_deg: float = 0.001
     model: str = "K10CR1"  #: One of `MODELS`; a KDC101 has a PRM1-Z8.
     serial_number: int | None = None  #: None: one of the model's own range.
-    #: Whether its velocities are 0 after power-up: it then says that it moves, and stands still.
+    #: Velocities are 0 after power-up: it reports motion but stands still.
     forgets: bool = False
-    quiet_home: bool = False  #: Whether it homes without saying HOMED.
-    updates: bool = False  #: Whether it tells its status ten times a second from power-up on.
+    quiet_home: bool = False  #: It homes without sending HOMED.
+    updates: bool = False  #: It sends its status ten times a second from power-up.
 
     @property
     def counts_per_turn(self) -> float:
@@ -91,8 +91,8 @@ KEYS = {
     "model": one_of("model", "which controller", {name: name for name in MODELS}),
     "serial": whole("serial_number", "serial number", 0, 2**31 - 1),
     "forgets": flag("forgets", "its velocities are 0 after power-up"),
-    "quiethome": flag("quiet_home", "it homes without saying so"),
-    "updates": flag("updates", "it tells its status unasked from power-up on"),
+    "quiethome": flag("quiet_home", "it does not report the end of homing"),
+    "updates": flag("updates", "it sends its status unasked from power-up"),
     "fault": fault_key(_status_bits, codes="status bits, such as 0x4000"),
     **COMMON_KEYS,
 }
@@ -125,17 +125,17 @@ def information(options: AptOptions) -> bytes:
 
 
 def stepper_status(counts: int, bits: int) -> bytes:
-    """Return the data that tell the status of a stepper motor."""
+    """Return the status data of a stepper motor."""
     return struct.pack("<HiiI", _CHANNEL, counts, 0, bits)
 
 
 def servo_status(counts: int, bits: int) -> bytes:
-    """Return the data that tell the status of a DC servo motor."""
+    """Return the status data of a DC servo motor."""
     return struct.pack("<HiHHI", _CHANNEL, counts, 0, 0, bits)
 
 
 def with_channel(data: bytes) -> bytes:
-    """Return parameters with the channel that they belong to."""
+    """Return parameters with their channel."""
     return struct.pack("<H", _CHANNEL) + data
 
 
@@ -148,7 +148,7 @@ _FAR = 2**31 - 1
 _LIMITS_STOP = (2, 3)  # at once, or slowing down
 _VELOCITY, _JOG, _LIMITS, _RELATIVE, _ABSOLUTE, _HOME = 0x0413, 0x0416, 0x0423, 0x0445, 0x0450, 0x0440
 
-# Message that sets -> (message that asks, message that tells, number of bytes behind the channel).
+# Message to set -> (request, answer, number of bytes behind the channel).
 _TABLE = {
     _VELOCITY: (0x0414, 0x0415, 12),  # lowest, acceleration, highest
     _JOG: (0x0417, 0x0418, 20),
@@ -157,7 +157,7 @@ _TABLE = {
     _HOME: (0x0441, 0x0442, 12),  # direction, switch, velocity, offset
     _RELATIVE: (0x0446, 0x0447, 4),
     _ABSOLUTE: (0x0451, 0x0452, 4),
-    0x04B9: (0, 0, 2),  # what is kept over a power cut: all of this is
+    0x04B9: (0, 0, 2),  # stored over a power cut: everything here
 }
 _STEPPER_TABLE = {0x0426: (0x0427, 0x0428, 4)}  # currents at rest and on the way
 _SERVO_TABLE = {
@@ -174,7 +174,7 @@ _SHORT = {0x0500: (0x0501, 0x0502), 0x0213: (0x0214, 0x0215), 0x0250: (0x0251, 0
 
 
 class AptParameters:
-    """The parameters and what some of them mean; the others are kept and told."""
+    """The parameters; those without meaning here are only stored and reported."""
 
     def __init__(self, options: AptOptions) -> None:
         model = MODELS[options.model]
@@ -192,13 +192,13 @@ class AptParameters:
 
     @property
     def understood(self) -> frozenset[int]:
-        """The numbers of all messages that set or ask for a parameter."""
+        """Numbers of all messages that set or request a parameter."""
         sets = {*self._table, *_SHORT}
         asks = {entry[0] for entry in (*self._table.values(), *_SHORT.values()) if entry[0]}
         return frozenset(sets | asks)
 
     def keep(self, message: "Message") -> bool:
-        """Keep what a message sets, if it is one of these and as long as it must be; return whether it is."""
+        """Store the parameter of a valid message; return whether it was one."""
         if message.number in _SHORT:
             self._bytes[message.number] = message.second
         elif message.number in self._table:
@@ -206,7 +206,7 @@ class AptParameters:
         return message.number in _SHORT or message.number in self._table
 
     def answer(self, number: int) -> bytes | None:
-        """Return the message that answers a question, or None if it is no question of these."""
+        """Return the answer to a request, or None for other messages."""
         for key, (asks, tells) in _SHORT.items():
             if asks == number:
                 return short(tells, _CHANNEL, self._bytes[key])
@@ -224,43 +224,43 @@ class AptParameters:
         return float(struct.unpack("<HHii", self._values[_HOME])[2]) / self._scale
 
     def home_forward(self) -> bool:
-        """Return whether it looks for the mark going forward."""
+        """Return whether it searches for the mark forward."""
         return bool(struct.unpack("<HHii", self._values[_HOME])[0] == 1)
 
     def home_shift_counts(self) -> int:
-        """Return how far from where it was made to be its home now is."""
+        """Return the distance of home from its default place."""
         return int(struct.unpack("<HHii", self._values[_HOME])[3]) - self._born_offset
 
     def distance_counts(self) -> int:
-        """Return how far a relative move without data goes."""
+        """Return the distance of a relative move without data."""
         return int.from_bytes(self._values[_RELATIVE], "little", signed=True)
 
     def target_counts(self) -> int:
-        """Return where an absolute move without data goes."""
+        """Return the target of an absolute move without data."""
         return int.from_bytes(self._values[_ABSOLUTE], "little", signed=True)
 
     def jog(self) -> tuple[int | None, float]:
-        """Return what a jog does: so many counts, or None for going on; and how fast [deg/s]."""
+        """Return counts (None: continuous) and speed [deg/s] of a jog."""
         mode, step, _, _, speed, _ = struct.unpack("<HiiiiH", self._values[_JOG])
         return step if mode == _SINGLE_STEP else None, speed / self._scale
 
     def limits_counts(self) -> tuple[int, int]:
-        """Return the lowest and the highest count that it may go to."""
+        """Return the lowest and the highest allowed count."""
         _, _, clockwise, counter_clockwise, mode = struct.unpack("<HHiiH", self._values[_LIMITS])
         ends = sorted((clockwise, counter_clockwise))
         return (ends[0], ends[1]) if mode in _LIMITS_STOP else (-_FAR, _FAR)
 
     def _set(self, number: int, data: bytes) -> None:
-        """Keep parameters that are whole; the unused ones at their end may be missing or more."""
+        """Store complete parameters; the number of unused bytes at their end may vary."""
         length = self._table[number][2]
         if len(data) >= 2 + length:
             self._values[number] = data[2 : 2 + length]
 
 
 _HEADER = struct.Struct("<HBBBB")
-_OWN_PLACES = frozenset({0x50, 0x11, 0x21})  # a USB unit, and what hosts of racks call it
+_OWN_PLACES = frozenset({0x50, 0x11, 0x21})  # a USB unit, and its address from hosts of racks
 _LONGEST_DATA = 255
-_SILENCE_S = 0.5  # assumed: after this much of it a message in part is forgotten
+_SILENCE_S = 0.5  # assumed: silence after which a partial message is discarded
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -274,7 +274,7 @@ class Message:
 
 
 class AptReceiver:
-    """Collects bytes until a message is whole. What cannot be the beginning of one is passed over, byte by byte."""
+    """Collects bytes to messages. Bytes that cannot begin one are skipped."""
 
     def __init__(self) -> None:
         self._collected = b""
@@ -306,7 +306,7 @@ class AptReceiver:
         return None
 
 
-# The document calls the first of each pair "forward"; clients that were written at devices agree that counts fall then.
+# The document calls the first of each pair "forward"; by clients tested on devices counts fall then.
 _AT_LOWEST, _AT_HIGHEST, _FALLING, _RISING, _JOG_FALLING, _JOG_RISING = 0x4, 0x8, 0x10, 0x20, 0x40, 0x80
 _CONNECTED, _HOMING, _HOMED, _SETTLED = 0x100, 0x200, 0x400, 0x2000
 _MOTION_ERROR, _ENABLED = 0x4000, 0x80000000
@@ -330,7 +330,7 @@ class AptLanguage(Language):
         self._model = MODELS[options.model]
         self._receiver = AptReceiver()
         self._parameters = AptParameters(options)
-        self._enabled = self._model.is_stepper  # a DC servo controller waits to be told
+        self._enabled = self._model.is_stepper  # a DC servo controller waits for a command
         self._error_bits = 0
         self._motion_bits = 0
         self._homed = False
@@ -371,7 +371,7 @@ class AptLanguage(Language):
 
     @property
     def understood(self) -> frozenset[int]:
-        """The numbers of all messages from the host that do something, or are answered."""
+        """Numbers of all messages from the host with an effect or an answer."""
         return frozenset(self._commands) | self._parameters.understood
 
     def _hear(self, data: bytes) -> None:
@@ -420,7 +420,7 @@ class AptLanguage(Language):
         forward = self._parameters.home_forward()
         self._motion_bits = _HOMING | (_RISING if forward else _FALLING)
         self._appointment = None
-        if speed > 0.0:  # else it says that it is on its way, for ever
+        if speed > 0.0:  # otherwise it reports motion for ever
             end_s = self._drive.home(
                 self._now_s,
                 clockwise=not forward,
@@ -444,7 +444,7 @@ class AptLanguage(Language):
         self._move(target, speed_deg_per_s=self._parameters.speed_deg_per_s())
 
     def _jog(self, message: Message) -> None:
-        """Go by a step, or on and on, as the parameters say."""
+        """Jog by a step or continuously, by the parameters."""
         (step, speed), rising = self._parameters.jog(), message.second != _FIRST_WAY
         bits = _JOG_RISING if rising else _JOG_FALLING
         if step is None:
@@ -459,7 +459,7 @@ class AptLanguage(Language):
         self._go_on(rising=rising, speed_deg_per_s=speed, bits=_RISING if rising else _FALLING)
 
     def _go_on(self, *, rising: bool, speed_deg_per_s: float, bits: int) -> None:
-        """Turn until it is stopped, or to a limit where there is one."""
+        """Turn until it is stopped, or to a limit."""
         lowest, highest = self._parameters.limits_counts()
         limit = highest if rising else lowest
         if abs(limit) < _ENDLESS_COUNTS:
@@ -490,7 +490,7 @@ class AptLanguage(Language):
         self._appointment = (end_s + lag_s, keep[outcome])
 
     def _call_here(self, message: Message) -> None:
-        """Give the place where it stands another number."""
+        """Set the count of the present position."""
         if len(message.data) == 6:
             self._drive.ring.call_here(self._now_s, _signed_of(message, otherwise=0))
 
@@ -507,7 +507,7 @@ class AptLanguage(Language):
         self._motion_bits = 0
 
     def _turn_by_hand(self) -> None:
-        """End the move; its wheel, or its buttons, then turn the ring as a jog."""
+        """End the move and jog, as by its wheel or buttons."""
         self._complete()
         self._motion_bits = _JOG_RISING
         self._appointment = (self._drive.turn_by_hand(self._now_s), self._complete)
@@ -529,7 +529,7 @@ class AptLanguage(Language):
         self._updates_left = _UPDATES_UNACKNOWLEDGED
 
     def _do_routine(self) -> None:
-        """Tell the status unasked, unless the host has been silent for too long."""
+        """Send the status unasked, unless the host has been silent too long."""
         if self._update_s is None or self._update_s > self._now_s:
             return
         self._updates_left -= 1
@@ -539,5 +539,5 @@ class AptLanguage(Language):
 
 
 def _signed_of(message: Message, *, otherwise: int) -> int:
-    """Return the number that a message brings, or another one where it has no data."""
+    """Return the number in a message, or a default without data."""
     return int(struct.unpack("<Hi", message.data)[1]) if len(message.data) == 6 else otherwise

@@ -1,4 +1,4 @@
-"""Simulated stages by the address that describes them."""
+"""Simulated stages from addresses."""
 
 from typing import Any
 
@@ -22,16 +22,16 @@ def parse_stage_address(text: str) -> StageOptions:
     Raises
     ------
     ValueError
-        There is no such kind of stage, or the address has a key or value that it does not allow; all are named.
+        The kind of stage does not exist, or the address has keys or values that are not allowed; the message lists all.
     """
     scheme = text.partition("?")[0]
     if scheme not in _FAMILIES:
-        raise ValueError(f"stage address {text!r}: there is no {scheme!r}; there are {', '.join(SCHEMES)}")
+        raise ValueError(f"stage address {text!r}: there is no {scheme!r}; allowed are {', '.join(SCHEMES)}")
     options, keys, _, _ = _FAMILIES[scheme]
     return options(**read_address(text, keys))
 
 
 def make_stage(options: StageOptions, *, clock: Clock) -> SimulatedStage:
-    """Return a simulated stage at its power-up, which lives in a clock's time."""
+    """Return a simulated stage at power-up, with a clock."""
     language, baud = next((family[2], family[3]) for family in _FAMILIES.values() if family[0] is type(options))
     return SimulatedStage(options, language, baud=baud, clock=clock)

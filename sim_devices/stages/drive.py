@@ -1,4 +1,4 @@
-"""A ring and its motor: each motion arrives, stalls, fails or is disturbed by hand, as the options say."""
+"""A ring and its motor: each motion arrives, stalls, fails or is disturbed by hand, according to the options."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ _CREEP_TIME_CONSTANT_S = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class _Travel:
-    """A turn at constant speed from one angle to another, and the creeping after it."""
+    """A turn at constant speed between angles, and the creep after it."""
 
     start_s: float
     end_s: float
@@ -52,7 +52,7 @@ class Ring:
         self._travel = _Travel(start_s=0.0, end_s=0.0, from_deg=start_deg, to_deg=start_deg, creep_deg=0.0)
 
     def angle_deg(self, time_s: float) -> float:
-        """Return the true angle in the housing [deg], counted on through full turns."""
+        """Return the true angle in the housing, through full turns [deg]."""
         return self._travel.angle_deg(time_s)
 
     def counts(self, time_s: float) -> int:
@@ -64,13 +64,13 @@ class Ring:
         return time_s < self._travel.end_s
 
     def turn_to_counts(self, time_s: float, counts: int, *, speed_deg_per_s: float, part: float = 1.0) -> float:
-        """Turn towards an encoder reading, and give up after a part of the way; return when it rests [s]."""
+        """Turn part of the way to an encoder reading; return the time at which it rests [s]."""
         target_deg = self._zero_deg + counts * 360.0 / self._counts_per_turn
         start_deg = self.angle_deg(time_s)
         return self._turn_to(time_s, start_deg + part * (target_deg - start_deg), speed_deg_per_s)
 
     def find_mark(self, time_s: float, *, clockwise: bool, speed_deg_per_s: float, offset_counts: int = 0) -> float:
-        """Turn to the reference mark, or so far beyond it: the encoder's zero is there; return when it rests [s]."""
+        """Turn to the reference mark or an offset from it, zero the encoder; return the time at which it rests [s].
         home_deg = self._mark_deg + offset_counts * 360.0 / self._counts_per_turn
         way_deg = (home_deg - self.angle_deg(time_s)) % 360.0
         if clockwise and way_deg:
@@ -79,7 +79,7 @@ class Ring:
         return self._turn_to(time_s, self._zero_deg, speed_deg_per_s)
 
     def call_here(self, time_s: float, counts: int) -> None:
-        """Let the encoder read so many counts where the ring now stands."""
+        """Set the encoder's reading at the present angle."""
         self._zero_deg = self.angle_deg(time_s) - counts * 360.0 / self._counts_per_turn
 
     def halt(self, time_s: float) -> None:
@@ -106,7 +106,7 @@ Outcome = Literal["arrives", "stalls", "is turned by hand", "fails"]
 
 
 class Drive:
-    """Counts the moves and gives each its ending. Times are arguments and never go back."""
+    """Counts the moves and determines how each ends. Times are arguments and never decrease."""
 
     def __init__(self, options: StageOptions, *, generator: np.random.Generator) -> None:
         self.ring = Ring(
@@ -122,7 +122,7 @@ class Drive:
         self._moves = 0
 
     def home(self, time_s: float, *, clockwise: bool, speed_deg_per_s: float, offset_counts: int = 0) -> float:
-        """Turn to the reference mark, or so far beyond it; return when the ring rests there [s]."""
+        """Turn to the reference mark, or to an offset from it; return the time at which the ring rests [s]."""
         return self.ring.find_mark(
             time_s,
             clockwise=clockwise,
@@ -138,7 +138,7 @@ class Drive:
         self.ring.turn_to_counts(time_s, counts, speed_deg_per_s=self._possible(speed_deg_per_s))
 
     def move(self, time_s: float, counts: int, *, speed_deg_per_s: float) -> tuple[float, Outcome]:
-        """Turn to an encoder reading; return when that ends [s], and how."""
+        """Turn to an encoder reading; return the time of the end [s], and its kind."""
         self._moves += 1
         speed = self._possible(speed_deg_per_s)
         if self._moves == self._options.stall:
@@ -149,7 +149,7 @@ class Drive:
         return end_s, self._outcome()
 
     def turn_by_hand(self, time_s: float) -> float:
-        """Turn by 5 degrees, as a person at the device would; return when it rests [s]."""
+        """Turn by 5 degrees, like a person at the device; return the time at which it rests [s]."""
         counts = self.ring.counts(time_s) + round(_HAND_TURNS_DEG * self._options.counts_per_turn / 360.0)
         return self.ring.turn_to_counts(time_s, counts, speed_deg_per_s=self._options.motor_deg_per_s)
 

@@ -21,29 +21,29 @@ from sim_devices.stages.stage import Language
 
 _TICKS_HZ = 14_740_000  # a period counts these
 _CURRENT_PER_A = 1866
-_TUNED = 0x8000  # in front of a period that the host gives
-_FACTORY = 0xFFFF  # asks for the period that the motor left the factory with
+_TUNED = 0x8000  # before a period from the host
+_FACTORY = 0xFFFF  # requests the factory period of the motor
 _LOWEST_HZ, _HIGHEST_HZ = 70_000, 120_000
 _CURVE_FROM, _CURVE_POINTS = 123, 87
 _IDLE_A, _RESONANT_A, _RESONANCE_WIDTH = 0.05, 0.55, 6.0
-_RAMP = "FFFF"  # unused, as every motor in public says
+_RAMP = "FFFF"  # unused in every published answer
 
 _BORN = {"1": {"f": 189, "b": 139}, "2": {"f": 188, "b": 140}}  # 78.0 and 106.0 kHz; 78.4 and 105.3
 
 
 class EllxMotors:
-    """The two resonant motors of a rotary stage, each with a period for either way round."""
+    """The two resonant motors of a rotary stage, each with a period for either direction."""
 
     def __init__(self) -> None:
         self._periods = {motor: dict(ways) for motor, ways in _BORN.items()}
 
     def information(self, motor: str) -> str:
-        """Return what `i1` and `i2` are answered: loop, motor, current, ramps, periods forward and backward."""
+        """Return the answer to `i1` and `i2`: loop, motor, current, ramps, periods forward and backward."""
         ways = self._periods[motor]
         return f"I{motor}10{round(_IDLE_A * _CURRENT_PER_A):04X}{_RAMP}{_RAMP}{ways['f']:04X}{ways['b']:04X}"
 
     def set_period(self, letters: str, period: int) -> bool:
-        """Obey `f1`, `b1`, `f2`, `b2`; return whether the motor can follow."""
+        """Execute `f1`, `b1`, `f2`, `b2`; return whether the motor can follow."""
         way, motor = letters[0], letters[1]
         asked = _BORN[motor][way] if period == _FACTORY else period & ~_TUNED
         if not asked or not _LOWEST_HZ <= _TICKS_HZ / asked <= _HIGHEST_HZ:
@@ -52,11 +52,11 @@ class EllxMotors:
         return True
 
     def search(self, motor: str) -> None:
-        """Find the resonances again: those that the motor was born with."""
+        """Restore the factory resonances."""
         self._periods[motor] = dict(_BORN[motor])
 
     def curve(self, motor: str) -> str:
-        """Return what `c1` and `c2` are answered: current against period, little-endian unlike all else."""
+        """Return the answer to `c1` and `c2`: current against period, little-endian unlike all other data."""
         points = (self._point(motor, _CURVE_FROM + index) for index in range(_CURVE_POINTS))
         return f"C{motor}{''.join(points)}"
 
@@ -66,7 +66,7 @@ class EllxMotors:
         return (period.to_bytes(2, "little") + current.to_bytes(4, "little")).hex().upper()
 
 
-# Letters of a command -> hexadecimal digits behind them: nothing else tells where a command ends.
+# Letters of a command -> number of hexadecimal digits after them, the only sign of its end.
 DATA_DIGITS = {
     "in": 0, "i1": 0, "i2": 0, "gs": 0, "st": 0, "us": 0, "gp": 0, "go": 0, "gj": 0, "gv": 0, "fw": 0, "bw": 0,
     "s1": 0, "s2": 0, "c1": 0, "c2": 0, "sk": 0, "om": 0, "cm": 0,
@@ -84,10 +84,10 @@ Command = tuple[str, str, str]
 
 
 class EllxReceiver:
-    """Collects bytes until a command is whole; the letters alone say how long it is.
+    """Collects bytes to commands, whose letters determine their length.
 
-    A carriage return forgets what was collected, a line feed is skipped, so that commands may end in either.
-    More than two seconds between two bytes of a command discard it, which `timed_out` tells once.
+    A carriage return discards an incomplete command and a line feed is skipped, so commands may end in either. More
+    than two seconds between two bytes discard a command, which `timed_out` reports once.
     """
 
     def __init__(self) -> None:
@@ -95,7 +95,7 @@ class EllxReceiver:
         self._last_byte_s = 0.0
 
     def timed_out(self, time_s: float) -> bool:
-        """Return whether a command in part was just discarded for being too slow."""
+        """Return whether a slow partial command was just discarded."""
         if not self._collected or time_s - self._last_byte_s <= _SILENCE_S:
             return False
         self._collected = b""
@@ -125,12 +125,12 @@ class EllxOptions(StageOptions):
 
     motor_deg_per_s: float = 430.0
     landing_deg: float = 0.004
-    model: int = 14  #: The number in the model's name.
+    model: int = 14  #: Number in the model's name.
     serial_number: int = 11401326  #: At most eight digits.
-    #: Encoder counts of a turn: 143360 in every ELL14 whose reply is public, 262144 in the manual's table.
+    #: Encoder counts per turn: 143360 in every published reply of an ELL14, 262144 in the manual's table.
     pulses: int = 143360
-    address: str = "0"  #: Its place on the line, a hexadecimal digit.
-    gap_s: float = 0.0  #: A move that is sent sooner than this after the last one ended goes to 0 instead.
+    address: str = "0"  #: Its address, a hexadecimal digit.
+    gap_s: float = 0.0  #: A move sent sooner after the last one ended goes to 0 instead.
 
     @property
     def counts_per_turn(self) -> int:
@@ -162,9 +162,9 @@ _FIRMWARE, _HARDWARE = "18", "01"
 _OK, _TIMEOUT, _STALLED, _UNSUPPORTED, _OUT_OF_RANGE, _OUT_OF_ISOLATION, _BUSY = 0, 1, 2, 3, 4, 6, 9
 _STALL_S = 2.0
 _FULL_SPEED_PERCENT = 100
-_JOGS_PER_TURN, _OFFSETS_PER_TURN = 36, 360  # what it comes with: 10 deg a jog, home 1 deg behind the mark (assumed)
+_JOGS_PER_TURN, _OFFSETS_PER_TURN = 36, 360  # defaults: jogs of 10 deg, home 1 deg behind the mark (assumed)
 _MOVES = frozenset({"ho", "ma", "mr", "fw", "bw"})
-# How long it is at it (assumed; the manual says "up to 12 s" of a curve and "several minutes" of the last two).
+# Durations (assumed; the manual has "up to 12 s" for a curve and "several minutes" for the last two).
 _SEARCH_S, _CURVE_S, _OPTIMIZE_S, _CLEAN_S = 1.5, 12.0, 180.0, 240.0
 
 
@@ -247,7 +247,7 @@ class EllxLanguage(Language):
             self._obey(address, letters, digits)
 
     def _obey(self, address: str, letters: str, digits: str) -> None:
-        in_group = address == self._group and letters in _MOVES  # it listens to the group's address for one motion
+        in_group = address == self._group and letters in _MOVES  # it answers to the group's address for one motion
         if self._now_s < self._isolated_until_s or not (address == self._address or in_group):
             return
         self.heard += 1
@@ -276,7 +276,7 @@ class EllxLanguage(Language):
         self._tell(f"IN{head}{360:04X}{options.pulses:08X}")
 
     def _tell_status(self, _digits: str) -> None:
-        """Tell "busy" while there is something to do, else the last error, which is forgotten by that."""
+        """Report "busy" while it is working, else the last error, which this clears."""
         if self._is_busy():
             self._tell(f"GS{_BUSY:02X}")
             return
@@ -321,7 +321,7 @@ class EllxLanguage(Language):
         self._say_done()
 
     def _isolate(self, digits: str) -> None:
-        """Fall silent and deaf for some minutes; the status tells it once, afterwards."""
+        """Do not communicate for some minutes; the status reports it once afterwards."""
         self._say_done()
         if minutes := int(digits, 16):
             self._isolated_until_s = self._now_s + 60.0 * minutes
@@ -343,7 +343,7 @@ class EllxLanguage(Language):
             self._appointment = (self._now_s + duration_s, end)
 
     def _stop(self, digits: str) -> None:
-        """End what goes on without an end of its own; a move to somewhere goes on."""
+        """End a continuous motion; a move to a target continues."""
         if self._stoppable:
             self._stoppable = False
             self._appointment = None
@@ -372,7 +372,7 @@ class EllxLanguage(Language):
         self._move(self._drive.ring.counts(self._now_s) + counts)
 
     def _jog(self, *, forward: bool) -> None:
-        """Go by a jog; where that is 0, go on and on, which is told at once."""
+        """Jog; a jog of 0 is continuous and answered at once."""
         if self._jog_counts:
             self._move_by(self._jog_counts if forward else -self._jog_counts)
         elif self._begins():
@@ -385,7 +385,7 @@ class EllxLanguage(Language):
             self._turn(0 if self._now_s - self._rested_s < self._options.gap_s else counts)
 
     def _begins(self) -> bool:
-        """Return whether a motion can begin; a stage that is busy says so instead."""
+        """Return whether a motion can begin; otherwise report "busy"."""
         busy = self._is_busy()
         if busy or self._options.busy:
             self._tell(f"GS{_BUSY:02X}")

@@ -9,34 +9,34 @@ from urllib.parse import parse_qsl
 
 @dataclass(frozen=True, kw_only=True)
 class StageOptions:
-    """Motor, bearing and line of a stage of any family, and their faults. Moves count from 1, homing not counted."""
+    """Motor, bearing and line of any stage, and their faults. Moves count from 1, without homing."""
 
     motor_deg_per_s: float  #: Fastest turn.
-    landing_deg: float  #: Standard deviation of where a move lands about its target (assumed).
+    landing_deg: float  #: Standard deviation of the end of a move about its target (assumed).
     mark_deg: float = 0.0  #: Angle in the housing of the reference mark, and at power-up.
     start_deg: float = 77.7
-    backlash_deg: float = 0.0  #: A move lands this much apart from where one from the other side lands.
-    #: How far short of its rest the ring stands when the motion ends; it creeps on with a time constant of 0.1 s.
+    backlash_deg: float = 0.0  #: Difference between the ends of moves from both sides.
+    #: Remaining way at the end of a motion; the ring creeps on with a time constant of 0.1 s.
     creep_deg: float = 0.0
-    #: The stage says that it is busy although a motion has ended, or before it tells a position.
+    #: The stage reports busy after a motion has ended, or before it reports a position.
     busy: bool = False
     stall: int | None = None  #: Number of the move that stalls half-way.
-    button: int | None = None  #: Number of the move at whose end somebody turns the stage by hand.
+    button: int | None = None  #: Number of the move after which the stage is turned by hand.
     #: A fault in the device's own code, and the number of the move that ends with it.
     fault: tuple[int | str, int] | None = None
     unhomed: bool = False  #: Homing is never confirmed.
     minus_one: bool = False  #: A move ends one count below its target, so that one to 0 ends at -1.
-    drop: float = 0.0  #: Probability, in both directions, that a byte is lost, sent twice, or has a bit changed.
+    drop: float = 0.0  #: Probability in both directions that a byte is lost, doubled, or has a changed bit.
     double: float = 0.0
     flip: float = 0.0
-    late_s: float = 0.0  #: How much later than sent every third reply arrives.
+    late_s: float = 0.0  #: Delay of every third reply.
     pieces: bool = False  #: Replies arrive in pieces of two bytes.
-    pace: bool = False  #: Bytes come as slowly as the line's bit rate makes them.
-    silent: int | None = None  #: Number of the command (from 1) from which on nothing is answered.
-    vanish: int | None = None  #: Number of the command at which the port vanishes, as if its plug were pulled.
-    back_s: float = 2.0  #: How long the port stays away.
-    seed: int = 0  #: Of all that is random.
-    speed: float = 1.0  #: Simulated seconds in a second of the wall clock.
+    pace: bool = False  #: Bytes come at the line's bit rate.
+    silent: int | None = None  #: Number of the first command (from 1) without an answer.
+    vanish: int | None = None  #: Number of the command at which the port disappears, as if unplugged.
+    back_s: float = 2.0  #: Time without the port.
+    seed: int = 0  #: Seed of all random numbers.
+    speed: float = 1.0  #: Simulated seconds per second of the wall clock.
 
     @property
     def counts_per_turn(self) -> float:
@@ -48,10 +48,10 @@ class StageOptions:
 class Key:
     """One key of an address."""
 
-    option: str  #: Field of the stage's options that it sets.
-    meaning: str  #: What it does, for people.
+    option: str  #: Field of the stage's options.
+    meaning: str  #: Its effect, for people.
     allowed: str  #: Its values, for people.
-    read: Callable[[str], Any]  #: Text to value; raises ValueError for what is not allowed.
+    read: Callable[[str], Any]  #: Text to value; raises ValueError if not allowed.
 
 
 def number(option: str, meaning: str, lowest: float, highest: float) -> Key:
@@ -79,7 +79,7 @@ def whole(option: str, meaning: str, lowest: int, highest: int) -> Key:
 
 
 def one_of(option: str, meaning: str, choices: Mapping[str, object]) -> Key:
-    """Return a key whose value is one of some words, each of which stands for a value."""
+    """Return a key with words for its values."""
 
     def read(text: str) -> object:
         if text not in choices:

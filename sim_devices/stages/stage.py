@@ -1,7 +1,6 @@
 """A simulated rotation stage: drive, language and line in one, safe to use from several threads.
 
-It answers on a pseudo-terminal, where any program can talk to it, or on a line within the process, for long sessions in
-simulated time.
+It answers on a pseudo-terminal, for any program, or on a line within the process, for long sessions in simulated time.
 """
 
 import os
@@ -41,30 +40,30 @@ class SerialDevice(Protocol):
         """Take in what the host has sent."""
 
     def transmit(self) -> bytes:
-        """Return what has reached the host by now and was not returned before."""
+        """Return the bytes that have reached the host since the last call."""
 
     def next_event_s(self) -> float | None:
-        """Return when there will be something new to transmit [s], or None while nothing is under way."""
+        """Return the time of the next transmission [s], or None if nothing is pending."""
 
     def is_plugged_in(self) -> bool:
         """Return whether the host sees a port at all."""
 
 
 class Language:
-    """A stage's side of the conversation; a family says what it hears in bytes, and what it does then.
+    """A stage's side of the protocol; a family defines the commands and their effects.
 
-    Times are arguments and never go back. What the stage does later is an appointment, of which it has one at a time.
+    Times are arguments and never decrease. The stage has at most one appointment for a later action.
     """
 
     def __init__(self, options: StageOptions, drive: Drive) -> None:
         self._options, self._drive = options, drive
         self._now_s = 0.0
-        self.heard = 0  #: Number of commands that have come in whole.
+        self.heard = 0  #: Number of complete commands.
         self._appointment: tuple[float, Callable[[], None]] | None = None
         self._replies: list[Reply] = []
 
     def receive(self, time_s: float, data: bytes) -> list[Reply]:
-        """Return the replies up to a time [s] at which these bytes arrive."""
+        """Return the replies until a time [s] at which these bytes arrive."""
         self._live_until(time_s)
         self._hear(data)
         return self._take_replies()
@@ -75,7 +74,7 @@ class Language:
         return self._take_replies()
 
     def next_event_s(self) -> float | None:
-        """Return when the stage does something unasked, or None."""
+        """Return the time of the next unasked action, or None."""
         times_s = (self._appointment[0] if self._appointment else None, self._next_routine_s())
         return min((time_s for time_s in times_s if time_s is not None), default=None)
 
@@ -84,7 +83,7 @@ class Language:
         raise NotImplementedError
 
     def _next_routine_s(self) -> float | None:
-        """Return when there is something to do beside the appointment."""
+        """Return the time of the next action other than the appointment."""
         return None
 
     def _do_routine(self) -> None:
@@ -109,18 +108,18 @@ class Language:
 
 
 class SimulatedStage:
-    """The stage itself. Serve it on a pseudo-terminal, or in this process, and look at its true angle.
+    """The stage, served on a pseudo-terminal or in this process, with its true angle.
 
     Parameters
     ----------
     options : StageOptions
-        What it is like.
+        Its properties.
     make_language : callable
-        Makes what it says, of its options and what it turns.
+        Makes its language from its options and drive.
     baud : int
-        Bits per second of the line, where its bytes are paced.
+        Bits per second of a paced line.
     clock : Clock
-        The time that it lives in.
+        Its clock.
     """
 
     def __init__(
@@ -140,9 +139,9 @@ class SimulatedStage:
         self._vanished_s: float | None = None
 
     def true_angle_deg(self) -> float:
-        """Return the angle at which the ring now stands in its housing [deg], in [0, 360)."""
+        """Return the present angle of the ring in its housing [deg], in [0, 360)."""
         with self._lock:
-            return self._live() % 360.0 % 360.0  # a tiny negative angle makes 360.0 the first time
+            return self._live() % 360.0 % 360.0  # the first modulo turns a tiny negative angle into 360.0
 
     def commands_heard(self) -> int:
         """Return how many commands have come in whole."""
@@ -156,19 +155,19 @@ class SimulatedStage:
             self._send(self._language.receive(self._clock.now_s(), arriving))
 
     def transmit(self) -> bytes:
-        """Return what has reached the host by now and was not returned before."""
+        """Return the bytes that have reached the host since the last call."""
         with self._lock:
             self._live()
             return self._line.arrived(self._clock.now_s())
 
     def next_event_s(self) -> float | None:
-        """Return when there will be something new to transmit [s], or None while nothing is under way."""
+        """Return the time of the next transmission [s], or None if nothing is pending."""
         with self._lock:
             times = (self._line.next_arrival_s(), self._language.next_event_s())
             return min((time_s for time_s in times if time_s is not None), default=None)
 
     def is_plugged_in(self) -> bool:
-        """Return whether the host sees a port: not for a while from the command on at which it is to vanish."""
+        """Return whether the port is present: it is absent for a time after a given command."""
         with self._lock:
             if self._options.vanish is None or self._language.heard < self._options.vanish:
                 return True
@@ -177,7 +176,7 @@ class SimulatedStage:
             return self._clock.now_s() >= self._vanished_s + self._options.back_s
 
     def _live(self) -> float:
-        """Let the stage do what it does until now; return its angle [deg], counted on through full turns."""
+        """Advance the stage to the present; return its angle through full turns [deg]."""
         now_s = self._clock.now_s()
         self._send(self._language.advance(now_s))
         return self._drive.ring.angle_deg(now_s)
@@ -188,7 +187,7 @@ class SimulatedStage:
 
 
 class Line:
-    """The line from a stage to its host, which keeps the order of what is sent."""
+    """The line from a stage to its host, which keeps the order of bytes."""
 
     def __init__(self, options: StageOptions, *, baud: int, generator: np.random.Generator) -> None:
         self._options, self._generator = options, generator
@@ -208,14 +207,14 @@ class Line:
             self._free_s += _PIECE_GAP_S if self._options.pieces else 0.0
 
     def arrived(self, time_s: float) -> bytes:
-        """Return what has arrived by a time [s] and was not returned before."""
+        """Return the bytes that have arrived by a time [s] since the last call."""
         data = b""
         while self._queue and self._queue[0][0] <= time_s:
             data += self._queue.popleft()[1]
         return data
 
     def next_arrival_s(self) -> float | None:
-        """Return when the next byte arrives [s], or None when nothing is on its way."""
+        """Return the arrival time of the next byte [s], or None."""
         return self._queue[0][0] if self._queue else None
 
     def _cut(self, data: bytes) -> list[bytes]:
@@ -224,7 +223,7 @@ class Line:
 
 
 def damaged(data: bytes, options: StageOptions, generator: np.random.Generator) -> bytes:
-    """Return bytes as they arrive at the other end of a bad line: some lost, doubled or changed."""
+    """Return bytes after a bad line: some lost, doubled or changed."""
     rates = (options.drop, options.double, options.flip)
     if not any(rates):
         return data
@@ -238,26 +237,26 @@ def damaged(data: bytes, options: StageOptions, generator: np.random.Generator) 
 
 @contextmanager
 def serve_on_pty(device: SerialDevice, *, clock: SimClock, link: Path | None = None) -> Iterator[str]:
-    """Serve a device on a pseudo-terminal, whose path it gives, until the context is left.
+    """Serve a device on a pseudo-terminal and yield its path, until the context is left.
 
     Parameters
     ----------
     device : SerialDevice
-        What is at the other end.
+        The device at the other end.
     clock : SimClock
-        The one that the device lives in.
+        The device's clock.
     link : Path or None
-        Symbolic link to make, which always leads to the terminal; None makes one in a temporary folder.
+        Symbolic link to the terminal; None makes one in a temporary folder.
 
     Raises
     ------
     FileExistsError
-        There is something at the link's place already.
+        The path of the link exists.
 
     Notes
     -----
-    Leaving the context is to the host as if the cable were pulled; so is a device that is not plugged in for a while:
-    the link then leads nowhere, and afterwards to another terminal. A pseudo-terminal has no modem lines.
+    Leaving the context looks to the host like a pulled cable. So does a temporarily absent device: its link is then
+    broken, and later leads to another terminal. A pseudo-terminal has no modem lines.
     """
     with tempfile.TemporaryDirectory(prefix="rigctl-") as folder:
         server = _PtyServer(device, clock, Path(folder) / "port" if link is None else link)
@@ -269,10 +268,10 @@ def serve_on_pty(device: SerialDevice, *, clock: SimClock, link: Path | None = N
 
 
 class _Terminal:
-    """A pseudo-terminal and the link that leads to it."""
+    """A pseudo-terminal and the link to it."""
 
     def __init__(self, link: Path) -> None:
-        self.host, self._held_open = os.openpty()  # without our own hold, each leaving host would end the terminal
+        self.host, self._held_open = os.openpty()  # keeps the terminal open when a host leaves
         tty.setraw(self._held_open)
         os.set_blocking(self.host, False)
         self._link = link
@@ -292,7 +291,7 @@ class _Terminal:
 
 
 class _PtyServer:
-    """The thread that carries bytes between a pseudo-terminal and a device."""
+    """Thread that transfers bytes between a pseudo-terminal and a device."""
 
     def __init__(self, device: SerialDevice, clock: SimClock, link: Path) -> None:
         self._device = device
@@ -304,7 +303,7 @@ class _PtyServer:
         self.thread = threading.Thread(target=self._serve, name=f"simulated device on {link}", daemon=True)
 
     def stop(self) -> None:
-        """End the thread and the terminal; raise what went wrong in the device."""
+        """End the thread and the terminal; raise exceptions of the device."""
         os.write(self._stop_writes, b"x")
         self.thread.join()
         self._unplug()
@@ -321,7 +320,7 @@ class _PtyServer:
             self._error = error  # a thread has no caller; `stop` raises it
 
     def _carry_some(self) -> bool:
-        """Carry what there is to carry, or wait for it; return False once the server is to stop."""
+        """Transfer bytes or wait for them; return False once the server should stop."""
         self._plug_in_or_out()
         sources = [self._stop_reads] if self._terminal is None else [self._stop_reads, self._terminal.host]
         readable, _, _ = select.select(sources, [], [], self._nap_s())
@@ -347,7 +346,7 @@ class _PtyServer:
             self._terminal = None
 
     def _send(self, terminal: _Terminal, data: bytes) -> None:
-        with suppress(BlockingIOError):  # a host that never reads loses bytes, as on a true line
+        with suppress(BlockingIOError):  # a host that never reads loses bytes, as on a real line
             os.write(terminal.host, data)
 
     def _nap_s(self) -> float:
@@ -358,7 +357,7 @@ class _PtyServer:
 
 
 class InProcessPort:
-    """A driver's end of the line without an operating system between: waiting moves the clock on."""
+    """A driver's end of the line without the operating system; waiting advances the clock."""
 
     def __init__(self, device: SerialDevice, *, clock: Clock) -> None:
         self._device = device
@@ -372,7 +371,7 @@ class InProcessPort:
         return "simulated line"
 
     def read_some(self, *, timeout_s: float) -> bytes:
-        """Return what has come in, waiting at most this long [s] for it; empty when nothing came."""
+        """Return the received bytes, waiting at most this long [s]; empty if none came."""
         self._require_open()
         deadline_s = self._clock.now_s() + timeout_s
         while True:
@@ -402,5 +401,5 @@ class InProcessPort:
 
     def _require_plugged_in(self) -> None:
         self._gone = self._gone or not self._device.is_plugged_in()
-        if self._gone:  # a port that comes back is another port
-            raise NotConnectedError(f"{self.name}: the port has gone away. Check the cable, then open it again")
+        if self._gone:  # a port that comes back is a new port
+            raise NotConnectedError(f"{self.name}: the port was disconnected. Check the cable, then open it again")

@@ -1,8 +1,8 @@
 """A simulated Zaber rotation stage: settings, triggers, commands, answers, address (``sim:zaber?stall=3``).
 
 Written from Zaber's ASCII protocol manual (firmware 6 and 7), without the driver's code. An enabled trigger fires when
-its condition becomes true, at once where it is true already; the device looks each millisecond while it turns. It has
-no digital lines: a trigger that waits for one never fires.
+its condition becomes true, or at once if it is true; it is checked each millisecond while the device turns. A trigger
+that waits for a digital line never fires, because there are none.
 """
 
 import math
@@ -27,11 +27,11 @@ Told = tuple[str, list[str]]
 
 
 class RefusedError(Exception):
-    """A command that cannot be obeyed; its text is the reason as the protocol has it."""
+    """A command that cannot be executed; its text is the protocol's reason."""
 
 
 class ZaberStorage:
-    """Texts under keys, of the device and of its axis."""
+    """Stored texts of the device and its axis, by key."""
 
     def __init__(self) -> None:
         self._texts: dict[str, dict[str, str]] = {"": {}, "axis ": {}}
@@ -68,7 +68,7 @@ class ZaberStorage:
         return "0"
 
     def _listed(self, scope: str, words: tuple[str, ...]) -> list[str]:
-        """Return the keys, or the commands that set them again, of those that begin alike."""
+        """Return the keys with a prefix, or the commands that set them."""
         prefix = words[words.index("prefix") + 1] if "prefix" in words[:-1] else ""
         chosen = {key: text for key, text in self._texts[scope].items() if key.startswith(prefix)}
         if "keys" in words:
@@ -91,7 +91,7 @@ class Command:
 
 
 class ZaberReceiver:
-    """Collects characters from a slash to the end of a line. A command whose checksum is wrong is passed over."""
+    """Collects characters from a slash to the end of a line. Commands with a wrong checksum are skipped."""
 
     def __init__(self) -> None:
         self._collected: str | None = None
@@ -115,7 +115,7 @@ class ZaberReceiver:
 
 
 def checksum(text: str) -> str:
-    """Return the two digits that make the bytes of a message add up to 0 modulo 256."""
+    """Return the two hexadecimal digits of the checksum of a message."""
     return f"{-sum(text.encode('latin-1')) % 256:02X}"
 
 
@@ -154,7 +154,7 @@ _COMPARISONS: dict[str, Callable[[float, float], bool]] = {
 
 @dataclass(kw_only=True)
 class _Trigger:
-    """A trigger: when, what, and how often yet (0 for never); and what it has seen since it was enabled."""
+    """A trigger: condition, actions, remaining firings (0 for none), and its state since it was enabled."""
 
     when: tuple[str, ...] = ("none",)
     actions: dict[str, tuple[str, ...]] = field(default_factory=lambda: dict.fromkeys(_ACTIONS, ("none",)))
@@ -170,17 +170,17 @@ class _Trigger:
         return [f"when {' '.join(self.when)}", *actions, enabled]
 
     def state(self) -> str:
-        """Return whether it is enabled, or how often it will fire yet."""
+        """Return its state: disabled, enabled, or the remaining firings."""
         return "d" if not self.fires else "e" if self.fires == _ENDLESS else str(self.fires)
 
     @property
     def period_s(self) -> float | None:
-        """From one firing to the next, where it fires by time."""
+        """Time between firings, if it fires by time."""
         return int(self.when[1]) / _MS_PER_S if self.when[0] == "time" else None
 
     @property
     def distance(self) -> int | None:
-        """Microsteps from one firing to the next, where it fires by distance."""
+        """Microsteps between firings, if it fires by distance."""
         return int(self.when[-1]) if self.when[-2:-1] == ("dist",) else None
 
 
@@ -205,23 +205,23 @@ class ZaberTriggers:
         return self._obey_one(self._triggers[int(words[0]) - 1], words[1], words[2:], now_s)
 
     def due_s(self, now_s: float, *, is_moving: bool) -> float | None:
-        """Return when they have to be looked at next, if nobody says anything; None for never."""
+        """Return the time of the next check without a command; None for never."""
         enabled = [trigger for trigger in self._triggers if trigger.fires]
         times_s = [trigger.next_s for trigger in enabled if trigger.period_s is not None]
         if is_moving and len(times_s) < len(enabled):
-            # The thousandth part: 1.001 s are 1000.9999 looks.
+            # Rounded, because 1.001 s are 1000.9999 checks.
             times_s.append((math.floor(now_s * _LOOKS_HZ + 1e-3) + 1) / _LOOKS_HZ)
         return min(times_s, default=None)
 
     def fired(self, now_s: float) -> Iterator[tuple[str, ...]]:
-        """Give what is to be done now, trigger by trigger, action by action."""
+        """Yield the actions due now, trigger by trigger."""
         for trigger in self._triggers:
             if trigger.fires and self._is_due(trigger, now_s):
                 trigger.fires -= trigger.fires != _ENDLESS
                 yield from (what for what in trigger.actions.values() if what != ("none",))
 
     def _is_due(self, trigger: _Trigger, now_s: float) -> bool:
-        """Return whether a trigger fires now, and note that it did."""
+        """Return whether a trigger fires now, and note it."""
         if trigger.period_s is not None:
             is_due = now_s >= trigger.next_s
             trigger.next_s += trigger.period_s if is_due else 0.0
@@ -235,7 +235,7 @@ class ZaberTriggers:
         return trigger.was_true and not was_true
 
     def _is_true(self, when: tuple[str, ...]) -> bool:
-        """Return whether the setting of a condition such as ``1 pos > 100`` or ``1 abs pos > 100`` is that."""
+        """Return whether a condition such as ``1 pos > 100`` or ``1 abs pos > 100`` is about a setting."""
         words = when[1:] if when[:1] in (("0",), ("1",)) else when
         size, words = (abs, words[1:]) if words[:1] == ("abs",) else (float, words)
         if len(words) != 3 or words[1] not in _COMPARISONS:
@@ -267,7 +267,7 @@ class ZaberTriggers:
 
 
 def _is_condition(words: tuple[str, ...]) -> bool:
-    """Return whether words are a condition; times and distances are whole numbers from 1 on."""
+    """Return whether words are a condition; times and distances are integers from 1."""
     counted = words[:1] == ("time",) or words[-2:-1] == ("dist",)
     return bool(words) and (not counted or (len(words) > 1 and words[-1].isdecimal() and int(words[-1]) > 0))
 
@@ -279,12 +279,12 @@ class ZaberOptions(StageOptions):
     motor_deg_per_s: float = 100.0
     landing_deg: float = 0.001
     model: int = 50931  #: The device's identity number.
-    serial_number: int = 114821  #: As told by ``get system.serial``.
-    resolution: int = 64  #: Microsteps of a motor step; people can change it.
-    steps: int = 24000  #: Motor steps of a turn of the ring.
-    cycle: bool = True  #: Whether the firmware knows the setting ``limit.cycle.dist``.
-    encoder: bool = True  #: Whether there is an encoder, and so the setting ``encoder.pos``.
-    one_turn: bool = False  #: Whether its limits allow one turn only.
+    serial_number: int = 114821  #: Answer to ``get system.serial``.
+    resolution: int = 64  #: Microsteps per motor step, which can be changed.
+    steps: int = 24000  #: Motor steps per turn of the ring.
+    cycle: bool = True  #: The firmware has the setting ``limit.cycle.dist``.
+    encoder: bool = True  #: It has an encoder, with the setting ``encoder.pos``.
+    one_turn: bool = False  #: Its limits allow one turn only.
 
     @property
     def counts_per_turn(self) -> int:
@@ -311,14 +311,14 @@ KEYS = {
 }
 
 
-_MAXSPEED_UNIT = 1.6384  # microsteps a second are this much less than the number in the setting
-_TOP_SPEED_DEG_PER_S = 100.0  # what is set; a hindered motor does not come up to it
+_MAXSPEED_UNIT = 1.6384  # factor from microsteps per second to the number in the setting
+_TOP_SPEED_DEG_PER_S = 100.0  # the setting; a hindered motor does not reach it
 _FAR = 10**9
 _INDICES_A_TURN = 8
 _AT_INDEX = 1e-4  # of a turn
 
 
-# What a setting may be set to: the lowest and the highest.
+# Lowest and highest value of a setting.
 _SWITCH = (0, 1)
 _SPEED = (1, 2**31)
 _CURRENT = (0, 120)
@@ -341,7 +341,7 @@ _WRITABLE = {
 }
 
 
-# What every stage comes with.
+# Default settings.
 _SAME_OF_ALL: dict[str, int | float | str] = {
     "system.axiscount": 1,
     "system.access": 1,
@@ -394,7 +394,7 @@ def _of_model(options: ZaberOptions) -> dict[str, int | float | str]:
 
 
 class ZaberSettings:
-    """Name to value. Positions are asked for each time."""
+    """Settings by name. Positions are read each time."""
 
     def __init__(self, options: ZaberOptions, position: Callable[[], int], now_s: Callable[[], float]) -> None:
         self._turn = options.counts_per_turn
@@ -405,7 +405,7 @@ class ZaberSettings:
         self.is_parked = False
 
     def get(self, name: str) -> str | None:
-        """Return a setting's value as text, or None when there is no such setting."""
+        """Return a setting's value as text, or None if it does not exist."""
         if name == "pos" or (name == "encoder.pos" and self._has_encoder):
             return str(self._position())
         if name == "motion.index.num" and "limit.cycle.dist" in self._values:
@@ -418,7 +418,7 @@ class ZaberSettings:
         return None if value is None else str(value)
 
     def _index(self) -> int:
-        """Return the number of the index position that it stands at, counted from 1; 0 for none."""
+        """Return the number of its index position, from 1; 0 for none."""
         distance = self.number("motion.index.dist")
         nearest = round(self._position() / distance)
         is_there = abs(self._position() - nearest * distance) <= self._turn * _AT_INDEX
@@ -447,7 +447,7 @@ class ZaberSettings:
         self._values = dict(self._born)
 
     def top_speed_deg_per_s(self) -> float:
-        """Return how fast it may turn; what it came with is more than the motor can."""
+        """Return the allowed speed; the default exceeds the motor's."""
         if self._values["maxspeed"] == self._born["maxspeed"]:
             return float("inf")
         return self.speed_deg_per_s(self.number("maxspeed"))
@@ -462,7 +462,7 @@ _STALLED, _DISABLED, _NO_REFERENCE, _INTERRUPTED, _BY_HAND = "FS", "FO", "WR", "
 _LASTING = frozenset({_NO_REFERENCE, _DISABLED})
 _BUSY_FOR_NO_REASON_S = 0.3
 _DONE: Told = ("0", [])
-# What a trigger's action does to a setting.
+# Effect of a trigger's action on a setting.
 _CHANGES: dict[str, Callable[[int, int], int]] = {"=": lambda _, by: by, "+=": operator.add, "-=": operator.sub}
 
 
@@ -500,7 +500,7 @@ class ZaberLanguage(Language):
 
     @property
     def understood(self) -> frozenset[str]:
-        """The first words of all commands that it knows."""
+        """First words of all known commands."""
         return frozenset(self._commands)
 
     def _hear(self, data: bytes) -> None:
@@ -512,7 +512,7 @@ class ZaberLanguage(Language):
         return self._triggers.due_s(self._now_s, is_moving=self._drive.ring.is_moving(self._now_s))
 
     def _do_routine(self) -> None:
-        """Do what triggers have to be done now; what cannot be is left, as nobody waits for an answer."""
+        """Execute the actions of triggers; impossible ones are skipped, since they have no answer."""
         for action in self._triggers.fired(self._now_s):
             words = action[1:] if action[0] in ("0", "1") else action
             with suppress(RefusedError):
@@ -522,7 +522,7 @@ class ZaberLanguage(Language):
                     self._commands[words[0]](words[1:])
 
     def _change(self, name: str, change: Callable[[int, int], int], words: tuple[str, ...]) -> None:
-        """Set a setting to a number or to another setting, or change it by that."""
+        """Set a setting to, or change it by, a number or another setting."""
         by = self._settings.get(words[-1]) if words[0] == "setting" else words[-1]
         was = self._settings.get(name)
         if by is not None and was is not None:
@@ -569,7 +569,7 @@ class ZaberLanguage(Language):
         return min(self._flags, key=lambda flag: ("FWN".index(flag[0]), flag), default="--")
 
     def _get(self, words: tuple[str, ...]) -> Told:
-        """Tell one setting, or several at once, behind the axis that they are of."""
+        """Report one or several settings, each after its axis."""
         if words and words[0] in ("0", "1"):
             words = words[1:]
         values = [self._settings.get(word) for word in words]
@@ -609,7 +609,7 @@ class ZaberLanguage(Language):
         return _DONE
 
     def _renumber(self, words: tuple[str, ...]) -> Told:
-        """Take a number; without one, as it counts along the chain, the first."""
+        """Set its address; without a number, the first, as in a chain of one."""
         number = words[0] if words else str(_BORN_ADDRESS)
         if len(words) > 1 or not number.isdecimal() or not 1 <= int(number) <= _LAST_ADDRESS:
             raise RefusedError("BADDATA")
@@ -617,7 +617,7 @@ class ZaberLanguage(Language):
         return _DONE
 
     def _restore(self, words: tuple[str, ...]) -> Told:
-        """Make the settings what they were when it came."""
+        """Restore the default settings."""
         if words not in (("restore",), ("reset",)):
             raise RefusedError("BADCOMMAND")
         if words == ("restore",):
@@ -672,7 +672,7 @@ class ZaberLanguage(Language):
         return _DONE
 
     def _target(self, words: tuple[str, ...]) -> int | None:
-        """Return where a move command leads [microsteps], or None when that is nowhere."""
+        """Return the target of a move command [microsteps], or None if it is invalid."""
         lowest, highest = self._settings.number("limit.min"), self._settings.number("limit.max")
         if words in (("min",), ("max",)):
             return lowest if words == ("min",) else highest
