@@ -1,4 +1,4 @@
-"""Acquisition sessions: order of the frames, errors of DoLP, and the shortest session that suffices."""
+"""Acquisition sessions: order of frames, errors of DoLP, and the shortest sufficient session."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -21,19 +21,19 @@ from model.sensor import Sensor, channel_moments
 
 FloatArray = NDArray[np.float64]
 
-# cycles: as given, again and again; palindrome: every second cycle backwards; grouped: all frames of an angle together.
+# cycles: in the given order; palindrome: every second cycle backwards; grouped: all frames of an angle together.
 Pattern = Literal["cycles", "palindrome", "grouped"]
 PATTERNS: tuple[Pattern, ...] = ("cycles", "palindrome", "grouped")
 
-# All orders of so many angles are tried: 5040.
+# All orders of up to this many angles are tried: 5040.
 _MOST_ORDERED = 7
 
 
 def mean_places(angles: int, *, cycles: int, pattern: Pattern) -> FloatArray:
     """Return the mean place of each angle's frames in the session, from the middle of the session.
 
-    Light that changes linearly in time moves the mean of an angle's counts by this place times the change in a frame.
-    Going on in cycles leaves the places of one cycle; going back and forth an even number of times leaves none.
+    Linear drift changes the mean counts of an angle by this place times the change per frame. Cycles have the places of
+    one cycle; an even number of passes back and forth has places of 0.
     """
     if angles < 1 or cycles < 1:
         raise ValueError(f"angles = {angles}, cycles = {cycles}; allowed is 1 or more of each")
@@ -43,9 +43,9 @@ def mean_places(angles: int, *, cycles: int, pattern: Pattern) -> FloatArray:
 
 
 def mean_moves_rad(angles_rad: ArrayLike, *, cycles: int, pattern: Pattern) -> FloatArray:
-    """Return by how much the polarizer was turned into each angle, in the mean over its frames.
+    """Return the mean turn of the polarizer before the frames of each angle.
 
-    The way back to the first angle is taken to be as long as the way there, as of a stage that counts from its home.
+    The way back to the first angle is taken as the same distance, as for a stage that counts from its home.
     """
     angles = np.asarray(angles_rad, dtype=np.float64)
     if angles.size < 1 or cycles < 1:
@@ -63,7 +63,7 @@ def mean_moves_rad(angles_rad: ArrayLike, *, cycles: int, pattern: Pattern) -> F
 
 
 def least_drifting_order(angles_rad: ArrayLike) -> FloatArray:
-    """Return angles in the order in which light that changes linearly shows the least false polarization in a cycle.
+    """Return the order of angles with the least false polarization in a cycle under linear drift.
 
     Parameters
     ----------
@@ -77,8 +77,9 @@ def least_drifting_order(angles_rad: ArrayLike) -> FloatArray:
 
     Notes
     -----
-    All orders are tried; of equals the one that begins with the smallest angles. Of 0, 45, 90, 135 it is 0, 90, 45,
-    135: false DoLP 0.2357 times the change of the light from the first to the last frame, in place of 0.4714.
+    All orders are tried; among equals the one that begins with the smallest angles wins. For 0, 45, 90, 135 it is 0,
+    90, 45, 135: the false DoLP is 0.2357 times the change of the light from the first to the last frame, instead of
+    0.4714.
 
     References
     ----------
@@ -90,7 +91,7 @@ def least_drifting_order(angles_rad: ArrayLike) -> FloatArray:
     orders = np.array(list(permutations(range(angles.size))))
     places = mean_places(angles.size, cycles=1, pattern="cycles")
     false = np.abs(np.exp(2j * angles[orders]) @ places)
-    # Rounding must not decide between equals.
+    # Rounding should not decide between equals.
     best = int(np.argmax(false <= np.min(false) + 1e-9))
     return np.asarray(angles[orders[best]])
 
@@ -110,17 +111,17 @@ class Session:
     Attributes
     ----------
     angles_rad
-        Of the polarizer, in the order in which they are first taken [rad]; three that differ, or more.
+        Of the polarizer, in the order of their first frames [rad]; at least three different ones.
     pattern
-        How cycles follow one another.
+        Order of the cycles.
     cycles
-        How many times all angles are gone through, 1 or more.
+        Number of cycles, 1 or more.
     exposure_s
         Of a frame [s], above 0.
     settle_s
         Wait after the polarizer was turned [s], 0 or more.
     overhead_s
-        Turning and storing, each frame [s], 0 or more.
+        Turning and storing, per frame [s], 0 or more.
     """
 
     angles_rad: tuple[float, ...]
@@ -157,14 +158,14 @@ class Session:
 
 @dataclass(frozen=True, kw_only=True)
 class Disturbances:
-    """Errors common to all pixels, which more of them do not average out.
+    """Errors common to all pixels.
 
     Attributes
     ----------
     drift_per_s
         Relative change of the light in time, taken as linear [1/s].
     settling_time_s
-        Time in which what is left of a turn of the polarizer falls to 1/e [s]; 0 if it stands when it says so.
+        Time in which the remaining turn of the polarizer falls to 1/e [s]; 0 if it has settled when it reports so.
     """
 
     drift_per_s: float = 0.0
@@ -190,13 +191,13 @@ class CycleLight:
     stokes_dn
         Mean Stokes parameters, shape (3,) [DN].
     noise_cov_dn2
-        Covariance of the Stokes parameters of one pixel by temporal noise in one cycle, shape (3, 3) [DN^2].
+        Covariance of the Stokes parameters of one pixel due to temporal noise in one cycle, shape (3, 3) [DN^2].
     spatial_cov_dn2
-        Their covariance over the pixels by scene and fixed pattern, shape (3, 3) [DN^2].
+        Their covariance over the pixels due to scene and fixed pattern, shape (3, 3) [DN^2].
     saturation_probability
-        Largest chance that a pixel is clipped behind any angle.
+        Largest probability that a pixel is clipped at any angle.
     warnings
-        Where the model is void or poor, in words.
+        Limits of the model, in words.
     """
 
     plan: Design
@@ -208,23 +209,23 @@ class CycleLight:
     warnings: tuple[str, ...]
 
     def cov_dn2(self, cycles: int) -> FloatArray:
-        """Return the covariance over the pixels of the mean of so many cycles, shape (3, 3) [DN^2]."""
+        """Return the covariance over the pixels of a mean over cycles, shape (3, 3) [DN^2]."""
         return self.spatial_cov_dn2 + self.noise_cov_dn2 / cycles
 
 
 @dataclass(frozen=True, kw_only=True)
 class DolpBudget:
-    """Errors of the DoLP of one region that is taken from the mean of all cycles.
+    """Errors of the DoLP of one region in the mean of all cycles.
 
     Attributes
     ----------
     dolp
         Of the light.
     sigma
-        Standard deviation by temporal noise; not a number where it does not exist (light too weak).
+        Standard deviation due to temporal noise; nan if it does not exist (light too weak).
     drift_error, settling_error
-        Change of (S1, S2) / S0 by drifting light and by a polarizer that has not settled: no error of DoLP is larger,
-        and that of the angle of polarization is in it too.
+        Change of (S1, S2) / S0 due to drifting light and to an unsettled polarizer: an upper limit of the error of
+        DoLP, which includes that of the angle of polarization.
     """
 
     dolp: float
@@ -234,14 +235,14 @@ class DolpBudget:
 
     @property
     def total(self) -> float:
-        """Noise and systematic errors together: the latter add in the worst case, and in square to the noise."""
+        """Noise and systematic errors together: the latter add linearly, and in square to the noise."""
         return float(np.hypot(self.sigma, self.drift_error + self.settling_error))
 
 
 def cycle_light(
     aperture: Moments, *, sensor: Sensor, angles_rad: tuple[float, ...], extinction_ratio: float = np.inf
 ) -> CycleLight:
-    """Return what one cycle shows of a region.
+    """Return the light and noise of a region in one cycle.
 
     Parameters
     ----------
@@ -252,7 +253,7 @@ def cycle_light(
     angles_rad
         Of the polarizer [rad].
     extinction_ratio
-        Of the polarizer, as the processing takes it to be.
+        Of the polarizer, as assumed by the processing.
 
     Raises
     ------
@@ -278,7 +279,7 @@ def cycle_light(
 
 
 def dolp_budget(light: CycleLight, session: Session, disturbances: Disturbances, *, pixels: int = 1) -> DolpBudget:
-    """Return the errors of DoLP that a session leaves.
+    """Return the errors of DoLP of a session.
 
     Parameters
     ----------
@@ -289,7 +290,7 @@ def dolp_budget(light: CycleLight, session: Session, disturbances: Disturbances,
     disturbances
         Drift and settling.
     pixels
-        How many pixels are averaged before DoLP is taken, 1 or more: their temporal noise is independent.
+        Number of pixels averaged before DoLP is computed, 1 or more: their temporal noise is independent.
 
     Raises
     ------
@@ -315,11 +316,10 @@ def dolp_budget(light: CycleLight, session: Session, disturbances: Disturbances,
 
 @lru_cache(maxsize=8192)
 def dolp_sigma(light: CycleLight, *, cycles: int, pixels: int = 1) -> float:
-    """Return the standard deviation that temporal noise gives DoLP from the mean of cycles and pixels.
+    """Return the standard deviation of DoLP from temporal noise, in the mean of cycles and pixels.
 
-    What was computed is kept: a search asks for the same light and number again, with other times and orders.
-    By the exact distribution, not the first order: for weak polarization it is 0.655 times the usual NEDoLP, not it.
-    Not a number where no standard deviation exists.
+    Results are cached, because a search repeats light and number with other times and orders. From the exact
+    distribution: for weak polarization it is 0.655 times the usual first-order NEDoLP. Nan if it does not exist.
 
     [MK14] eq. (25).
     """
@@ -328,46 +328,46 @@ def dolp_sigma(light: CycleLight, *, cycles: int, pixels: int = 1) -> float:
 
 
 def _drift_dn(light: CycleLight, session: Session, drift_per_s: float) -> FloatArray:
-    """Error of each angle's mean counts by light that changes linearly, about its mean over the session."""
+    """Error of each angle's mean counts from linear drift, about its mean over the session."""
     places = mean_places(len(session.angles_rad), cycles=session.cycles, pattern=session.pattern)
     return np.asarray(drift_per_s * session.frame_s * places * light.channels_dn)
 
 
 def _settling_dn(light: CycleLight, session: Session, settling_time_s: float) -> FloatArray:
-    """Error of each angle's mean counts by what is left of the turn into it."""
+    """Error of each angle's mean counts from the remaining turn."""
     if settling_time_s == 0.0:
         return np.zeros_like(light.channels_dn)
     moves = mean_moves_rad(session.angles_rad, cycles=session.cycles, pattern=session.pattern)
     short_by = -moves * exp(-session.settle_s / settling_time_s)
     _, s1, s2 = light.stokes_dn
     double = 2.0 * light.plan.angles_rad
-    # Derivative of the row (1, cos 2 psi, sin 2 psi) / 2 of an ideal polarizer by psi.
+    # Derivative of the row (1, cos 2 psi, sin 2 psi) / 2 of an ideal polarizer with respect to psi.
     slope = s2 * np.cos(double) - s1 * np.sin(double)
     return np.asarray(slope * short_by)
 
 
 def _false_polarization(light: CycleLight, error_dn: FloatArray) -> float:
-    """Change of (S1, S2) / S0 by an error of the counts, to first order."""
+    """Change of (S1, S2) / S0 due to an error of the counts, to first order."""
     s0, s1, s2 = light.stokes_dn
     e0, e1, e2 = light.plan.inverse @ error_dn
     return float(np.hypot(e1 - s1 / s0 * e0, e2 - s2 / s0 * e0) / s0)
 
 
-# The shortest session that reaches what is wanted: a deviation of DoLP, or a probability of detection
+# The shortest session that reaches an error of DoLP, or a probability of detection
 
 MOST_CYCLES = 100_000
-# A share of clipped pixels above which counts are no longer linear in the light.
+# Share of clipped pixels above which counts are no longer linear in the light.
 SATURATED = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """Goals of a session; None asks for nothing of that kind.
+    """Goals of a session; None for no goal.
 
     Attributes
     ----------
     dolp_total
-        Largest error of DoLP: noise, and systematic errors in square to it.
+        Largest error of DoLP, noise and systematic errors in square.
     p_detection
         Least probability of detection of a pixel, in (0, 1), at `p_false_alarm`.
     p_false_alarm
@@ -389,14 +389,14 @@ class Wanted:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scheme:
-    """A way to take frames, but for the number of cycles, and what its cycle shows of each region.
+    """A way to take frames except for the number of cycles, and the light of each region in a cycle.
 
     Attributes
     ----------
     session
         Its cycles are set by the search.
     lights
-        Region to what one cycle shows of it.
+        Light in one cycle by region.
     """
 
     session: Session
@@ -404,7 +404,7 @@ class Scheme:
 
     @property
     def saturation_probability(self) -> float:
-        """Largest chance that a pixel of any region is clipped."""
+        """Largest probability that a pixel of any region is clipped."""
         return max(light.saturation_probability for light in self.lights.values())
 
     def detection(self, pair: tuple[str, str], *, cycles: int, p_false_alarm: float) -> float:
@@ -414,7 +414,7 @@ class Scheme:
 
 
 class Obstacle(Enum):
-    """Why no number of cycles reaches what is wanted."""
+    """Reason why no number of cycles reaches the goals."""
 
     SATURATED = "saturated"
     CYCLES = "cycles"
@@ -422,20 +422,20 @@ class Obstacle(Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reached:
-    """A session that reaches what is wanted in as few cycles as its scheme allows; or why none does.
+    """The session of a scheme that reaches the goals in the fewest cycles; or the reason why none does.
 
     Attributes
     ----------
     session
-        With the cycles found; None where no number of them reaches it.
+        With the cycles found; None if no number of them is enough.
     budgets
-        Region to errors of DoLP; empty without a session.
+        Errors of DoLP by region; empty without a session.
     p_detection
-        Of the pair that was asked for; None if none was.
+        Of the requested pair; None without one.
     obstacle
-        What stands in the way; None where there is a session.
+        The obstacle; None with a session.
     why_not
-        The same in words; empty where there is a session.
+        The same in words; empty with a session.
     """
 
     session: Session | None
@@ -470,38 +470,37 @@ def fewest_cycles(
     pair: tuple[str, str] | None = None,
     pixels: int = 1,
 ) -> Reached:
-    """Return the session of a scheme with the fewest cycles that reaches what is wanted.
+    """Return the session of a scheme with the fewest cycles that reaches the goals.
 
     Parameters
     ----------
     scheme
         Angles, order, exposure and times.
     wanted
-        What to reach, all of it.
+        Goals, all of which must be reached.
     disturbances
         Drift and settling.
     regions
-        Whose DoLP counts; each of them has to reach it.
+        Each of them must reach the error of DoLP.
     pair
-        Target and background, where a detection is wanted.
+        Target and background of the detection.
     pixels
-        How many are averaged before DoLP is taken, 1 or more.
+        Number averaged before DoLP is computed, 1 or more.
 
     Raises
     ------
     ValueError
-        A detection is wanted of no pair, or an argument is outside its range.
+        A detection is wanted without a pair, or an argument is outside its range.
 
     Notes
     -----
-    Noise falls with every cycle; drift and settling do not, but for pairs of cycles that go back and forth, of which
-    only whole pairs are taken. So one bisection finds the number. Grouped frames, whose drift grows with their number,
-    are refused.
+    Noise falls with every cycle; drift and settling do not, except for passes back and forth, which are taken in pairs.
+    So bisection finds the number. Grouped frames, whose drift grows with their number, are refused.
     """
     if scheme.session.pattern == "grouped":
         raise ValueError("fewest_cycles: frames grouped by angle have no cycles to count; take cycles or a palindrome")
     if wanted.p_detection is not None and pair is None:
-        raise ValueError("fewest_cycles: a detection is wanted, but of which target on which background?")
+        raise ValueError("fewest_cycles: p_detection is wanted; state the pair of target and background")
     if scheme.saturation_probability > SATURATED:
         share = scheme.saturation_probability
         why_not = f"saturated: {share:.2g} of the pixels are clipped"
@@ -543,7 +542,7 @@ def _evaluated(
 
 def _is_enough(reached: Reached, wanted: Wanted) -> bool:
     allowed = np.inf if wanted.dolp_total is None else wanted.dolp_total
-    # Written so that a deviation that does not exist is not enough.
+    # A nan is not enough.
     if not all(budget.total <= allowed for budget in reached.budgets.values()):
         return False
     if wanted.p_detection is None:
@@ -552,7 +551,7 @@ def _is_enough(reached: Reached, wanted: Wanted) -> bool:
 
 
 def _first(at: Callable[[int], Reached], enough: Callable[[Reached], bool], most: int) -> Reached:
-    """Return the first of a row that is enough, where all after it are, too; or the last, with why it is not."""
+    """Return the first sufficient element of a monotonic sequence; or the last, with the reason."""
     high, found = 1, at(1)
     while not enough(found) and high < most:
         high = min(2 * high, most)
@@ -571,11 +570,11 @@ def _first(at: Callable[[int], Reached], enough: Callable[[Reached], bool], most
 
 
 def _why_not(last: Reached) -> str:
-    """Say what is left after the largest number of cycles."""
+    """Describe the errors after the largest number of cycles."""
     parts = [
         f"{name}: noise {budget.sigma:.2g}, drift {budget.drift_error:.2g}, settling {budget.settling_error:.2g}"
         for name, budget in last.budgets.items()
     ]
     if last.p_detection is not None:
-        parts.append(f"probability of detection {last.p_detection:.4f} (texture and pattern set it)")
+        parts.append(f"probability of detection {last.p_detection:.4f} (limited by texture and pattern)")
     return f"not within {MOST_CYCLES} cycles: " + "; ".join(parts)

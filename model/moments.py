@@ -1,4 +1,4 @@
-"""Mean and covariance of random vectors, and how they change through linear and smooth maps."""
+"""Mean and covariance of random vectors, and their transformation by linear and smooth maps."""
 
 import math
 from dataclasses import dataclass
@@ -29,8 +29,8 @@ class Moments:
 
     Notes
     -----
-    `cov` is stored exactly symmetric. An eigenvalue that is negative by rounding alone is kept as it is here
-    and set to zero where a factor is formed (`covariance_factor`). Both arrays are read-only.
+    `cov` is stored exactly symmetric. Eigenvalues that are negative by rounding are kept and set to zero in a factor
+    (`covariance_factor`). Both arrays are read-only.
     """
 
     mean: FloatArray
@@ -70,12 +70,12 @@ def propagate_linear(moments: Moments, matrix: ArrayLike) -> Moments:
 def propagate_first_order(moments: Moments, value: ArrayLike, jacobian: ArrayLike) -> Moments:
     """Return the first-order moments of a smooth function f(x) from those of x.
 
-    The error is of second order in the deviations of x; nothing here estimates it.
+    The error is of second order in the deviations of x and is not estimated.
 
     [MK14] eq. (24)-(25) for DoLP; definition.
     """
-    # Where the largest variation drops out of f, as a common factor does from a ratio, J Sigma J' is left with rounding
-    # that is neither symmetric nor positive; a product with its own transpose is both.
+    # If the largest variation drops out of f, like a common factor from a ratio, rounding makes J Sigma J' asymmetric
+    # and indefinite; a product with its own transpose is neither.
     spread = np.asarray(jacobian, dtype=np.float64) @ covariance_factor(moments.cov)
     cov = spread @ np.swapaxes(spread, -1, -2)
     return Moments(mean=np.asarray(value, dtype=np.float64), cov=cov)
@@ -110,7 +110,7 @@ def covariance_factor(cov: ArrayLike) -> FloatArray:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :], dtype=np.float64)
 
 
-# Rounding of a covariance built as W D W' is some eps times its trace; more than this is an error.
+# Rounding of a covariance W D W' is some eps times its trace; more is an error.
 _ROUNDING = 1e-12
 
 
@@ -148,13 +148,13 @@ def rectangular_std(low: float, high: float) -> float:
 
 
 def _scaled(cov: FloatArray, scale: FloatArray) -> FloatArray:
-    """Divide by the trace, so that units near the ends of the double range do no harm."""
+    """Divide by the trace, to allow units near the ends of the double range."""
     safe: Any = np.where(scale > 0.0, scale, 1.0)
     return np.asarray(cov / safe[..., None, None], dtype=np.float64)
 
 
 def _clearly_definite(scaled: FloatArray) -> NDArray[np.bool_]:
-    """Return where elimination meets only positive pivots, far above rounding: much faster than eigenvalues."""
+    """Return whether all pivots of the elimination are positive, far above rounding; much faster than eigenvalues."""
     rest = scaled
     clear = np.ones(scaled.shape[:-2], dtype=bool)
     while rest.shape[-1] > 0:

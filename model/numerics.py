@@ -1,7 +1,7 @@
 """Quadrature rules, adaptive integration, a spline, a fit, and special functions of scipy imported at the first call.
 
-Many commands call no special function; importing `scipy.special` with all that it imports costs 0.15 s. Importing
-`scipy.interpolate` and `scipy.optimize` takes 0.3 s, more than a prediction.
+Many commands call no special function, and importing `scipy.special` takes 0.15 s. Importing `scipy.interpolate` and
+`scipy.optimize` takes 0.3 s, more than a prediction.
 """
 
 import sys
@@ -22,7 +22,7 @@ IntArray = NDArray[np.int64]
 
 _PACKAGE, _COMPILED = "scipy.special", "scipy.special._ufuncs"
 _IMPORTING = RLock()
-# Most steps of a fit, per column: a column is seldom removed and taken again more than a few times.
+# Most steps of a fit per column, which is seldom removed and added again more than a few times.
 _MOST_COLUMNS = 10
 
 
@@ -109,7 +109,7 @@ class ClampedSpline:
         )
 
     def __call__(self, x: FloatArray) -> FloatArray:
-        """Return values, those beyond the ends by the outermost pieces."""
+        """Return values; beyond the ends from the outermost pieces."""
         piece = np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, self.x.size - 2)
         apart = x - self.x[piece]
         cubic, square, linear, constant = self._terms
@@ -156,7 +156,7 @@ class PanelIntegrals:
 
 
 _MAX_HALVINGS = 48
-# Panels open at once, per domain: more than any integrand here needs, so an integrand that needs more is noise.
+# Open panels per domain: more than any integrand here needs, except noise.
 _MAX_OPEN = 300
 
 
@@ -170,9 +170,9 @@ def integrate_panels(
 ) -> PanelIntegrals:
     """Return integrals of vector-valued functions over domains cut into panels, by adaptive halving.
 
-    A panel is accepted when its two nested rules agree to `tolerance` times the domain's absolute integral
-    over the number of panels, or to `noise`. After 48 halvings, or with 300 panels open per domain, the remaining
-    panels are accepted as they are; the result's `error` contains their errors.
+    A panel is accepted when its two nested rules agree to `tolerance` times the domain's absolute integral over the
+    number of panels, or to `noise`. After 48 halvings, or with 300 open panels per domain, the remaining panels are
+    accepted; `error` includes their errors.
     """
     owner, lower, upper = _nonempty_panels(cuts)
     total = _Totals(cuts.shape[0])
@@ -262,9 +262,9 @@ def _halves(owner: IntArray, lower: FloatArray, upper: FloatArray) -> tuple[IntA
 
 
 def _module() -> ModuleType:
-    """Return the compiled module of these functions, or the package where it is loaded already or needed.
+    """Return the compiled module of these functions, or the package if it is loaded or needed.
 
-    The package would import numpy's compiler of Fortran and its tests, to serve other kinds of arrays: 0.15 s.
+    The package would spend 0.15 s on imports for other kinds of arrays.
     """
     spec = None if _PACKAGE in sys.modules or _COMPILED in sys.modules else find_spec(_PACKAGE)
     if spec is not None:

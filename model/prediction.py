@@ -1,8 +1,8 @@
-"""Prediction of counts, Stokes parameters, DoLP and detection of a scenario, with the errors of the rig.
+"""Prediction of counts, Stokes parameters, DoLP and detection, with the errors of the rig.
 
 `predict` takes the light of regions through the sensor to the moments of the counts behind each polarizer angle, and
-from these to Stokes parameters, DoLP and AoLP ([MK14] section II). `predict_with_errors` does it for a rig whose axes
-or exposure differ from the record. `budget` splits the uncertainty of a measured region by cause,
+from these to Stokes parameters, DoLP and AoLP ([MK14] section II). `predict_with_errors` does the same for a rig whose
+axes or exposure differ from the record. `budget` splits the uncertainty of a measured region by cause,
 `detections_of_cases` gives the performance of the RX detector between regions.
 """
 
@@ -24,9 +24,9 @@ from model.sensor import ChannelMoments, channel_moments
 
 FloatArray = NDArray[np.float64]
 
-# A degree of polarization below this is what rounding leaves of none.
+# Degree of polarization due to rounding.
 _ROUNDING = 1e-12
-# DoLP below this is what rounding leaves of skies whose light is not polarized, and its angle means nothing.
+# DoLP due to rounding under unpolarized skies, whose angle is meaningless.
 _UNPOLARISED = 1e-8
 
 
@@ -44,9 +44,9 @@ def noise_causes(
     noise_factor
         Kn of [MK14] eq. (32), >= 0.
     pixels
-        Independent pixels that the mean is taken over, > 0.
+        Independent pixels of the mean, > 0.
     cycles
-        Frames a channel, >= 1.
+        Frames per channel, >= 1.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def noise_causes(
 
 
 def budget(mean_dn: FloatArray, causes: Mapping[str, FloatArray], *, plan: Design) -> dict[str, dict[str, float]]:
-    """Return the standard uncertainty that each cause gives the polarization of a region's mean.
+    """Return the standard uncertainty of a region's polarization by cause.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def budget(mean_dn: FloatArray, causes: Mapping[str, FloatArray], *, plan: Desig
 
 
 def shift_cause(pictures: FloatArray, inside: NDArray[np.bool_], *, shift_pixels: FloatArray) -> FloatArray:
-    """Return the covariance that shifts between pictures give the mean of a region in each of them.
+    """Return the covariance of a region's mean in each picture due to shifts.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def shift_cause(pictures: FloatArray, inside: NDArray[np.bool_], *, shift_pixels
     inside
         Pixels of the region, shape (H, W).
     shift_pixels
-        How far each picture may lie from its place, in x and y, shape (N, 2).
+        Standard deviation of each picture's shift in x and y, shape (N, 2).
 
     Returns
     -------
@@ -131,7 +131,7 @@ def shift_cause(pictures: FloatArray, inside: NDArray[np.bool_], *, shift_pixels
 
 
 def _deviation(gradient: FloatArray, cov: FloatArray) -> float:
-    # What is common to all channels leaves only rounding of a ratio, of either sign.
+    # A common factor leaves only rounding of either sign in a ratio.
     return math.sqrt(max(float(gradient @ cov @ gradient), 0.0))
 
 
@@ -139,7 +139,7 @@ def _gradients(stokes: FloatArray) -> dict[str, FloatArray]:
     """Return the derivatives of each quantity by S0, S1 and S2."""
     s0, s1, s2 = stokes
     if not s0 > 0.0:
-        raise ValueError(f"S0 is {s0:.3g}; a share of it needs light")
+        raise ValueError(f"S0 is {s0:.3g}; it must be above 0")
     found = {
         "s0": np.array([1.0, 0.0, 0.0]) / s0,
         "s1n": np.array([-s1 / s0, 1.0, 0.0]) / s0,
@@ -155,10 +155,9 @@ def _gradients(stokes: FloatArray) -> dict[str, FloatArray]:
 # Prediction of a scenario: counts, Stokes parameters, DoLP and their deviations, per region
 
 
-# Less is no light: squares of what is divided by it would not be numbers.
+# Less counts as no light, because squares of ratios would overflow.
 LEAST_S0_DN = 1e-100
-# Moments of DoLP exist if they do to this tolerance, whatever looser one they are computed to: what a coarse prediction
-# gives no finer one takes away, down to fifty times this.
+# Tolerance at which moments of DoLP must exist, also in coarser predictions, so that finer ones do not lose them.
 _EXISTING_TO = 1e-6
 
 # quantity -> statistic -> number. Quantities: dn_ANGLE, and those of `model.quantities`.
@@ -178,13 +177,13 @@ class RegionPrediction:
     stokes_dn
         Mean and covariance of the Stokes parameters over the pixels of one cycle [DN], dark level subtracted.
     stokes_noise_dn2
-        Covariance that temporal noise alone gives the Stokes parameters of one cycle, shape (3, 3) [DN^2].
+        Covariance of the Stokes parameters of one cycle due to temporal noise alone, shape (3, 3) [DN^2].
     dolp_method
-        How mean and deviation of the pixels' DoLP were found.
+        Method for mean and deviation of the pixels' DoLP.
     dolp_mean_error, dolp_std_error
-        Their absolute errors as that method estimates them itself; not a number where they do not exist.
+        Their absolute errors as estimated by the method; nan if they do not exist.
     quantities
-        Everything a measurement is set beside. Where moments of DoLP do not exist they are left out.
+        Numbers to compare with a measurement, without moments of DoLP that do not exist.
     warnings
         Where the model is void or poor, in words.
     """
@@ -205,7 +204,7 @@ class RegionPrediction:
 
 
 def predict(scenario: Scenario, *, tolerance: float = 1e-6) -> dict[str, RegionPrediction]:
-    """Return what the model predicts for each region of a scenario.
+    """Return the prediction of each region of a scenario.
 
     Parameters
     ----------
@@ -227,7 +226,7 @@ def predict(scenario: Scenario, *, tolerance: float = 1e-6) -> dict[str, RegionP
 
 
 def predict_all(scenarios: Sequence[Scenario], *, tolerance: float = 1e-6) -> tuple[dict[str, RegionPrediction], ...]:
-    """Return what `predict` does for each of several scenarios, with the laws of DoLP of all regions at once.
+    """Return the results of `predict` for several scenarios, with the laws of DoLP of all regions at once.
 
     [MK14] eq. (10)-(29).
     """
@@ -245,7 +244,7 @@ def predict_all(scenarios: Sequence[Scenario], *, tolerance: float = 1e-6) -> tu
 
 
 def _designs(scenarios: Sequence[Scenario]) -> list[Design]:
-    """Return the design of each scenario, made once for scenarios that are read out alike."""
+    """Return the design of each scenario, shared by scenarios of equal readout."""
     made: dict[object, Design] = {}
     found = []
     for one in scenarios:
@@ -260,18 +259,18 @@ def _designs(scenarios: Sequence[Scenario]) -> list[Design]:
 def predict_region(
     channels: ChannelMoments, *, plan: Design, channel_names: tuple[str, ...], cycles: int, tolerance: float = 1e-6
 ) -> RegionPrediction:
-    """Return what follows from the moments of a region's channels.
+    """Return the prediction from the moments of a region's channels.
 
     Parameters
     ----------
     channels
-        From the sensor model, or with mean and scene covariance as they were measured.
+        From the sensor model, or with measured mean and scene covariance.
     plan
         Polarizer angles and the inverse in use, N channels.
     channel_names
         N names, used as keys of the counts.
     cycles
-        Number of repeats that a mean is taken over, >= 1.
+        Number of averaged repeats, >= 1.
     tolerance
         Relative tolerance of mean and deviation of the pixels' DoLP.
 
@@ -285,7 +284,7 @@ def predict_region(
 def _without_dolp(
     channels: ChannelMoments, plan: Design, channel_names: tuple[str, ...], cycles: int
 ) -> RegionPrediction:
-    """Return a prediction that lacks the law of the pixels' DoLP."""
+    """Return a prediction without the law of the pixels' DoLP."""
     temporal = channels.temporal_var_dn2[:, None] * np.eye(channels.mean_dn.size)
     spatial = channels.scene_cov_dn2 + channels.fixed_pattern_cov_dn2
     covs = {"std": spatial + temporal, "std_temporal": temporal, "std_spatial_mean": spatial + temporal / cycles}
@@ -306,7 +305,7 @@ def _without_dolp(
 
 
 def _with_dolp(predictions: Sequence[RegionPrediction], tolerance: float) -> list[RegionPrediction]:
-    """Return predictions with the laws of DoLP, all at once; a warning where moments do not exist."""
+    """Return predictions with the laws of DoLP, all at once, with warnings if moments do not exist."""
     lit = [k for k, one in enumerate(predictions) if one.stokes_dn.mean[0] > LEAST_S0_DN]
     missing = {k: _no_light(float(one.stokes_dn.mean[0])) for k, one in enumerate(predictions)}
     found = list(predictions)
@@ -334,7 +333,7 @@ def _with_dolp(predictions: Sequence[RegionPrediction], tolerance: float) -> lis
 
 
 def reason_missing(prediction: RegionPrediction) -> dict[str, str]:
-    """Return the quantities that a region lacks, wholly or in part, each with the reason.
+    """Return the quantities missing in a region, wholly or in part, each with the reason.
 
     Parameters
     ----------
@@ -357,9 +356,9 @@ def reason_missing(prediction: RegionPrediction) -> dict[str, str]:
 
 
 def as_processed(channels: ChannelMoments, readout: Readout) -> ChannelMoments:
-    """Return moments of channels with what flat fields and interpolation do to them.
+    """Return moments of channels after flat fields and interpolation.
 
-    The error of a flat field is a pattern of each angle by itself: unlike the response that it takes away, it shows in
+    The error of a flat field is an independent pattern at each angle: unlike the response that it removes, it affects
     DoLP.
     """
     if readout.noise_factor is not None:
@@ -383,12 +382,12 @@ def _linear(names: tuple[str, ...], mean: FloatArray, covs: dict[str, FloatArray
 
 
 def _deviations(cov: FloatArray) -> FloatArray:
-    """Return standard deviations; a variance that is negative by rounding, where nothing fluctuates, is none."""
+    """Return standard deviations; variances negative by rounding give 0."""
     return np.asarray(np.sqrt(np.maximum(np.diag(cov), 0.0)))
 
 
 def _ratios(stokes: Moments) -> Quantities:
-    """Return what does not depend on the scale of the counts: of the mean, with first-order deviations of a pixel."""
+    """Return the quantities independent of the scale of counts: of the mean, with first-order deviations of a pixel."""
     normalized = normalized_moments(stokes)
     deviations = _deviations(normalized.cov)
     found = {
@@ -422,12 +421,12 @@ class PolarizationStrength:
     Parameters
     ----------
     probabilities, quantiles
-        Quantiles of the pixels' DoLP given S0 > 0; they exist whether or not moments do.
+        Quantiles of the pixels' DoLP given S0 > 0, which exist even without moments.
     nedolp
         First-order noise-equivalent DoLP from temporal noise: the deviation of DoLP that unpolarised light of this
-        intensity would show. None where nothing is known of temporal noise.
+        intensity would show. None if temporal noise is unknown.
     unpolarised_mean
-        Mean DoLP that unpolarised light of this intensity shows by noise alone; not a number where it does not exist.
+        Mean DoLP of unpolarised light of this intensity due to noise; nan if it does not exist.
     """
 
     probabilities: FloatArray
@@ -439,14 +438,14 @@ class PolarizationStrength:
 def polarization_strength(
     prediction: RegionPrediction, *, probabilities: Sequence[float] = (0.025, 0.5, 0.975)
 ) -> PolarizationStrength:
-    """Return the distribution of a region's DoLP in a few numbers, and its noise floor.
+    """Return quantiles of a region's DoLP, and its noise floor.
 
     Parameters
     ----------
     prediction
         Of the region.
     probabilities
-        For which to give quantiles, each in (0, 1).
+        Of the quantiles, each in (0, 1).
 
     Raises
     ------
@@ -472,12 +471,12 @@ def polarization_strength(
     )
 
 
-# Prediction for a rig that is not quite as recorded: axes turned, exposure off
+# Prediction for a rig that differs from its record: axes turned, exposure off
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RigErrors:
-    """Errors of a rig against what was recorded of it.
+    """Errors of a rig compared with its record.
 
     Parameters
     ----------
@@ -494,7 +493,7 @@ class RigErrors:
 def predict_with_errors(
     scenario: Scenario, errors: RigErrors, *, tolerance: float = 1e-6
 ) -> dict[str, RegionPrediction]:
-    """Return what the model predicts where the light goes through the true rig and the processing takes the recorded.
+    """Return the prediction for light through the true rig and processing with the recorded one.
 
     Parameters
     ----------
@@ -512,8 +511,8 @@ def predict_with_errors(
 
     Notes
     -----
-    Without errors it is `model.prediction.predict`; what the session adds acts as there. The frames of
-    every cycle have the same errors.
+    Without errors it equals `model.prediction.predict`; imperfections of the session act as there. The frames of every
+    cycle have the same errors.
 
     References
     ----------
@@ -525,7 +524,7 @@ def predict_with_errors(
             f"turned_rad {errors.turned_rad.shape} does not fit {angles_rad.size} angles; allowed is one for each"
         )
     if not errors.exposure_ratio > 0.0:
-        raise ValueError(f"exposure_ratio = {errors.exposure_ratio}; it has to be above 0")
+        raise ValueError(f"exposure_ratio = {errors.exposure_ratio}; it must be above 0")
     plan = design(angles_rad, scenario.readout.extinction_ratio)
     return {
         region.name: predict_region(
@@ -540,7 +539,7 @@ def predict_with_errors(
 
 
 def _channels(region: RegionLight, scenario: Scenario, errors: RigErrors | None = None) -> ChannelMoments:
-    """Return the moments of the counts of a region, as the sensor gives them."""
+    """Return the moments of a region's counts from the sensor."""
     sensor, angles_rad = scenario.sensor, scenario.readout.angles_rad
     if errors is not None:
         sensor = replace(sensor, exposure_s=sensor.exposure_s * errors.exposure_ratio)
@@ -557,26 +556,26 @@ def _channels(region: RegionLight, scenario: Scenario, errors: RigErrors | None 
 
 # Performance of the RX detector between the regions of a predicted scene
 
-# Target, background, and region to prediction.
+# Target, background, and predictions by region.
 PairCase = tuple[str, str, Mapping[str, RegionPrediction]]
 
 
 @dataclass(frozen=True, kw_only=True)
 class PairDetection:
-    """RX detection of one region on another, by the exact distribution.
+    """RX detection of one region on another, from the exact distribution.
 
     Parameters
     ----------
     target, background
         Names.
     p_false_alarm, p_detection, p_miss
-        Shape (K,); the last, 1 less the second, has its own digits where next to nothing is missed.
+        Shape (K,); `p_miss` is 1 - `p_detection`, accurate even where it is tiny.
     auc
         Area under the whole curve.
     p_detection_error, auc_error
-        Absolute errors of both, as the integral estimates them itself; shape (K,) and a number.
+        Absolute errors of both as estimated by the integral; shape (K,) and a number.
     warnings
-        What limits the result.
+        Limits of the result.
     """
 
     target: str
@@ -597,7 +596,7 @@ def detections_of_cases(
     kind: Literal["stokes", "intensity"] = "stokes",
     tolerance: float = 1e-10,
 ) -> tuple[PairDetection, ...]:
-    """Return the performance of the RX detector for one region on another, case by case, in about the time of one.
+    """Return the performance of the RX detector for each of several cases, in about the time of one.
 
     Parameters
     ----------
@@ -608,12 +607,12 @@ def detections_of_cases(
     kind
         Detection on Stokes parameters, three components, or on the counts behind each angle of the polarizer.
     tolerance
-        Relative, of the tail that is integrated, 1e-12 to 0.01.
+        Relative tolerance of the integrated tail, 1e-12 to 0.01.
 
     Returns
     -------
     tuple of PairDetection
-        Not a number, with the reason among its warnings, where a background's covariance is singular.
+        Nan with the reason in its warnings, if a background's covariance is singular.
 
     References
     ----------
@@ -627,7 +626,7 @@ def detections_of_cases(
     except (ValueError, ArithmeticError) as error:
         half = len(cases) // 2
         if half:
-            # One case that does not exist makes all fail: it is searched for in either half.
+            # One impossible case makes all fail, so each half is tried on its own.
             return tuple(
                 found
                 for some in (cases[:half], cases[half:])
@@ -659,12 +658,12 @@ def detections_of_sweep(
     pairs: Sequence[tuple[str, str]] | None = None,
     tolerance: float = 1e-10,
 ) -> tuple[tuple[PairDetection, ...], ...]:
-    """Return the detections of each of several sets of predictions, for some pairs or for every ordered pair.
+    """Return the detections of several sets of predictions, for some pairs or for every ordered pair.
 
     Parameters
     ----------
     alternatives
-        Each from region to prediction, all with the same regions.
+        Predictions by region, all with the same regions.
     p_false_alarm, tolerance
         As in `detections_of_cases`.
     pairs
@@ -687,7 +686,7 @@ def _counts(prediction: RegionPrediction) -> Moments:
 def _together(
     cases: Sequence[PairCase], rates: FloatArray, *, kind: Literal["stokes", "intensity"], tolerance: float
 ) -> tuple[PairDetection, ...]:
-    """Return detection of all cases by one integral; ValueError where a background's covariance is singular."""
+    """Return detection of all cases by one integral; ValueError if a background's covariance is singular."""
 
     def pixels(one: RegionPrediction) -> Moments:
         return one.stokes_dn if kind == "stokes" else _counts(one)

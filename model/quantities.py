@@ -1,4 +1,4 @@
-"""The numbers of a region that prediction and measurement share, each declared once, and names of its counts."""
+"""Quantities of a region, common to prediction and measurement, and names of its counts."""
 
 from dataclasses import dataclass
 
@@ -31,7 +31,7 @@ QUANTITIES = {
     )
 }
 SHARES = frozenset(one.name for one in QUANTITIES.values() if one.is_share)
-# On a circle there is no error estimate where the polarization is weak, and no order.
+# On a circle there is no order, and no error estimate for weak polarization.
 CIRCULAR = frozenset(one.name for one in QUANTITIES.values() if one.turn is not None)
 FOLLOWED = tuple(one.name for one in QUANTITIES.values() if one.is_followed)
 ORDERED = tuple(name for name in FOLLOWED if name not in CIRCULAR)
@@ -58,7 +58,7 @@ def is_counts(name: str) -> bool:
 
 
 def difference(name: str, value: float, reference: float) -> float:
-    """Return value less reference of a quantity; on a circle, the shorter way round.
+    """Return value less reference of a quantity; on a circle, the shorter way.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """The sensor behind a polarizer: from Stokes radiance at the aperture to mean and covariance of the counts.
 
-`Sensor` is lens, exposure and detector, `SensorNoise` what a photon-transfer calibration says of the detector, and
-`Imperfections` what a session adds: angles that scatter, pictures that shift, light that drifts. `channel_moments`
-takes the moments of the radiance through all of them. The law of the rounded counts is in `model.counts`.
+`Sensor` is lens, exposure and detector, `SensorNoise` the detector's noise from a photon-transfer calibration, and
+`Imperfections` the errors of a session: scattered angles, shifted pictures, drifting light. `channel_moments` takes the
+moments of the radiance through all of them. The law of the rounded counts is in `model.counts`.
 """
 
 from collections.abc import Callable
@@ -37,13 +37,13 @@ class SensorNoise:
     prnu
         Photo-response non-uniformity, standard deviation relative to the mean, >= 0.
     dsnu_e
-        Standard deviation of the dark signal over pixels [e-], >= 0; 0 if a dark frame is taken off.
+        Standard deviation of the dark signal over pixels [e-], >= 0; 0 if a dark frame is subtracted.
     noise_factor
-        Kn, >= 0: multiplies the standard deviation of the temporal sensor noise, and nothing of the scene.
+        Kn, >= 0: multiplies the standard deviation of the temporal sensor noise, but not that of the scene.
     saturation_e
         Full well [e-], > 0, or None if the converter clips first.
     shot_noise, quantisation
-        Whether photo-electrons bring shot noise, and whether counts are rounded; False leaves that out of the model.
+        Whether the model includes shot noise of photo-electrons, and rounding of counts.
 
     Raises
     ------
@@ -113,7 +113,7 @@ class Sensor:
     field_angle_rad
         Angle of the chief ray from the axis [rad], |angle| < pi/2; irradiance falls as its cos^4.
     saturates
-        Whether chances of clipping are computed and warned of.
+        Whether probabilities of clipping are computed, with warnings.
 
     Raises
     ------
@@ -213,7 +213,7 @@ def counts_per_radiance(sensor: Sensor) -> float:
     Returns
     -------
     float
-        [DN per W m-2 sr-1], > 0: the mean over polarizer angles, black level and dark signal taken off.
+        [DN per W m-2 sr-1], > 0: the mean over polarizer angles, without black level and dark signal.
 
     References
     ----------
@@ -258,7 +258,7 @@ def effective_wavelength_m(wavelength_m: ArrayLike, weight: ArrayLike) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Imperfections:
-    """Imperfections that a session adds to a scene; by default there are none.
+    """Errors that a session adds to a scene; none by default.
 
     Parameters
     ----------
@@ -273,11 +273,11 @@ class Imperfections:
     drift
         Change of the light from the first frame of a cycle to the last, linear in time, over its mean; -1 to 1.
     drift_order
-        Place in time of each angle's frame in the cycle, from 0; empty: in the order of the angles.
+        Place of each angle's frame in the cycle, from 0; empty: in the order of the angles.
     surround_albedo
-        Of the ground around, as far as the air mixes it in, where it is not the mean ground's, 0 to 1; or None.
+        Of the near surroundings if it differs from that of the mean ground, 0 to 1; or None.
     off_axis_falloff
-        Whether light falls as the fourth power of the cosine over a region's part of the field, as without flat field.
+        Whether light falls off as cos^4 over a region's part of the field, as without a flat field.
 
     Raises
     ------
@@ -303,12 +303,12 @@ class Imperfections:
 
     @property
     def kept_polarization(self) -> float:
-        """Factor exp(-2 s^2) by which angles that scatter by s weaken the mean of cos 2 psi."""
+        """Factor exp(-2 s^2) of the mean of cos 2 psi for angles that scatter by s."""
         return float(np.exp(-2.0 * self.polarizer_angle_std_rad**2))
 
     @property
     def kept_correlation(self) -> float:
-        """Correlation of texture between two frames of which each is shifted on its own.
+        """Correlation of texture between two independently shifted frames.
 
         The texture's autocorrelation is exp(-r^2 / 2 l^2); the difference of two shifts of deviation d has 2 d^2 along
         each axis, and the mean of the autocorrelation over it is 1 / (1 + 2 d^2 / l^2).
@@ -317,7 +317,7 @@ class Imperfections:
         return 1.0 / (1.0 + 2.0 * ratio**2)
 
     def analyzed(self, rows: FloatArray) -> FloatArray:
-        """Return the rows of an analyzer, shape (N, 3), as drift and scatter of the angles change their means."""
+        """Return the rows of an analyzer, shape (N, 3), with drift and scatter of the angles."""
         factors = self.light_factors(len(rows))[:, None] if self.drift else 1.0
         kept = np.array([1.0, self.kept_polarization, self.kept_polarization])
         return np.asarray(rows * kept * factors)
@@ -337,7 +337,7 @@ class Imperfections:
 
 
 def drifting_light(drift: float, order: ArrayLike) -> FloatArray:
-    """Return the light of each frame over its mean, where it drifts evenly through a cycle.
+    """Return the light of each frame over its mean under a linear drift in the cycle.
 
     Parameters
     ----------
@@ -351,7 +351,7 @@ def drifting_light(drift: float, order: ArrayLike) -> FloatArray:
 
 
 def angle_variance(second_moment: FloatArray, *, angles_rad: FloatArray, std_rad: float) -> FloatArray:
-    """Return the variance of S1 cos 2 psi + S2 sin 2 psi where psi is normal about each angle.
+    """Return the variance of S1 cos 2 psi + S2 sin 2 psi for psi normal about each angle.
 
     With u the value at the mean angle, w that 45 deg on, and q = exp(-8 s^2):
     u^2 (1 - sqrt q)^2 / 2 + w^2 (1 - q) / 2. For small s it is (2 s w)^2.
@@ -376,7 +376,7 @@ def temporal_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_
     Parameters
     ----------
     signal_dn
-        Mean signal, black level and dark signal taken off, any shape [DN].
+        Mean signal without black level and dark signal, any shape [DN].
     noise
         Noise parameters.
     exposure_s
@@ -389,7 +389,7 @@ def temporal_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_
 
     Notes
     -----
-    Differs from [MK14]: the signal in eq. (19) is taken with the black level off and dark electrons in.
+    Differs from [MK14]: the signal in eq. (19) excludes the black level and includes dark electrons.
 
     References
     ----------
@@ -401,7 +401,7 @@ def temporal_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_
 
 
 def unquantised_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_s: ArrayLike) -> FloatArray:
-    """Return what `temporal_variance_dn2` does before rounding, and without the noise factor [DN^2].
+    """Return the temporal variance before rounding and without the noise factor [DN^2].
 
     [MK14] eq. (19).
     """
@@ -414,7 +414,7 @@ def unquantised_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposu
 def saturation_probability(
     sensor: Sensor, level: FloatArray, unquantised_var: FloatArray, spatial_cov: FloatArray
 ) -> FloatArray:
-    """Return the larger of the chances of clipping in the converter and in the pixel's well.
+    """Return the larger probability of clipping, in the converter or in the pixel's well.
 
     Definition; counts are taken as normal.
     """
@@ -435,9 +435,9 @@ def _exceedance(mean: FloatArray, limit: float, var: FloatArray) -> FloatArray:
     return np.where(sigma > 0.0, ndtr((mean - limit) / np.where(sigma > 0.0, sigma, 1.0)), certain)
 
 
-# Below this noise rounding is not dithered: its mean is off by exp(-2 pi^2 sigma^2) / pi, 0.05 counts here.
+# Noise below which rounding is not dithered: its mean is off by exp(-2 pi^2 sigma^2) / pi, here 0.05 counts.
 _DITHER_LIMIT_DN = 0.3
-# Above this chance of clipping the linear model no longer gives mean and variance.
+# Probability of clipping above which the linear model fails.
 _SATURATION_LIMIT = 1e-3
 
 
@@ -448,9 +448,9 @@ class ChannelMoments:
     Parameters
     ----------
     mean_dn
-        Mean signal, shape (..., N), black level and dark signal taken off [DN].
+        Mean signal without black level and dark signal, shape (..., N) [DN].
     dark_signal_dn
-        What was taken off beside the black level: gain times dark electrons [DN].
+        Subtracted dark signal: gain times dark electrons [DN].
     scene_cov_dn2
         Covariance from the scene, shape (..., N, N) [DN^2].
     temporal_var_dn2
@@ -458,9 +458,9 @@ class ChannelMoments:
     fixed_pattern_cov_dn2
         Covariance over pixels from PRNU and DSNU, shape (..., N, N) [DN^2].
     saturation_probability
-        Chance that a pixel of the region is clipped, shape (..., N).
+        Probability that a pixel of the region is clipped, shape (..., N).
     warnings
-        Where the Gaussian linear model is void, in words; empty if nowhere.
+        Limits of the Gaussian linear model, in words.
     """
 
     mean_dn: FloatArray
@@ -486,14 +486,14 @@ def channel_moments(
     The law of total covariance is exact here, since the variance of counts is linear in the light: the scene
     adds its own covariance and the temporal variance is taken at the mean.
 
-    Angles that scatter weaken the mean of the polarised part by exp(-2 s^2) and add a variance from frame to frame,
-    common to all pixels of a frame, which is counted with the temporal variance. Shifts take from the covariance of the
-    texture between frames and leave its variances: what is common to all frames no longer is.
+    Scatter s of the angles weakens the mean of the polarised part by exp(-2 s^2) and adds a variance from frame to
+    frame, common to all pixels of a frame, to the temporal variance. Shifts lower the covariance of the texture between
+    frames but not its variances.
 
-    Differs from [MK14]: eq. (19) is taken with the black level off and dark electrons in. PRNU and DSNU,
-    which [MK14] has not, belong to a pixel, and in division of time the same pixel serves every angle.
-    They are therefore fully correlated between angles: prnu^2 (s s' + Sigma_scene) + (gain dsnu)^2 1 1'.
-    A PRNU pattern moves DoLP by nothing at first order; a DSNU pattern acts like an error of S0.
+    Differs from [MK14]: eq. (19) is taken with the black level off and dark electrons in. PRNU and DSNU, which [MK14]
+    does not have, are fully correlated between angles, because in division of time the same pixel serves every angle:
+    prnu^2 (s s' + Sigma_scene) + (gain dsnu)^2 1 1'. A PRNU pattern does not change DoLP to first order; a DSNU pattern
+    acts like an error of S0.
 
     [MK14] eq. (11)-(20), (32).
     """
@@ -525,7 +525,7 @@ def channel_moments(
     )
 
 
-# Variance from which on rounding is dithered, to 1e-12 of it.
+# Variance that dithers rounding, to 1e-12 of it.
 _DITHERED_DN2 = 1.5
 
 
@@ -534,7 +534,7 @@ def _rounded(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return variance from frame to frame and covariances over the pixels of rounded counts.
 
-    The mean stays that of the signal: measured means are of the signal too (`model.counts.estimate_signal`).
+    The mean stays that of the signal, like measured means (`model.counts.estimate_signal`).
     """
     spread = np.diagonal(scene + pattern, axis1=-2, axis2=-1)
     if np.all(unquantised + spread > _DITHERED_DN2):
@@ -571,7 +571,7 @@ def _angle_variance_dn2(
 
 
 def _without_negative_rounding(signal: FloatArray, scale: FloatArray) -> FloatArray:
-    """Set to zero what is negative by rounding (light across an ideal polarizer); refuse what is negative."""
+    """Set values to zero that are negative by rounding (light across an ideal polarizer); refuse others."""
     bound = 1e-12 * np.abs(scale)
     if np.any(signal < -bound):
         raise ValueError(
@@ -583,7 +583,7 @@ def _without_negative_rounding(signal: FloatArray, scale: FloatArray) -> FloatAr
 
 def _fixed_pattern(signal: FloatArray, scene: FloatArray, noise: SensorNoise, *, flat_fielded: bool) -> FloatArray:
     prnu = 0.0 if flat_fielded else noise.prnu
-    # The response of a pixel multiplies its own share of the texture too, hence the scene's covariance.
+    # The response of a pixel also multiplies its texture, hence the scene's covariance.
     response = prnu**2 * (signal[..., :, None] * signal[..., None, :] + scene)
     return np.asarray(response + (noise.gain_dn_per_e * noise.dsnu_e) ** 2)
 
@@ -593,14 +593,14 @@ def _warnings(angles_rad: FloatArray, sigma_dn: FloatArray | None, clipped: Floa
     if sigma_dn is not None and np.any(sigma_dn < _DITHER_LIMIT_DN):
         where = _channels(angles_rad, sigma_dn < _DITHER_LIMIT_DN)
         found.append(
-            f"noise before rounding is {np.min(sigma_dn):.3g} counts at {where}, below {_DITHER_LIMIT_DN}: "
-            "rounding is not dithered and the Gaussian model is void"
+            f"noise before rounding is {np.min(sigma_dn):.3g} counts at {where}, below {_DITHER_LIMIT_DN}: rounding is "
+            "not dithered and the Gaussian model does not hold"
         )
     if np.any(clipped > _SATURATION_LIMIT):
         where = _channels(angles_rad, clipped > _SATURATION_LIMIT)
         found.append(
-            f"chance of saturation is {np.max(clipped):.3g} at {where}, above {_SATURATION_LIMIT:g}: "
-            "the linear model is void"
+            f"the probability of saturation is {np.max(clipped):.3g} at {where}, above {_SATURATION_LIMIT:g}: the "
+            "linear model does not hold"
         )
     return tuple(found)
 

@@ -1,4 +1,4 @@
-"""Algebra of linear Stokes parameters, and the directions and axes that they refer to.
+"""Algebra of linear Stokes parameters, and their directions and axes.
 
 S1 = horizontal - vertical, S2 = (+45 deg) - (-45 deg); angles counter-clockwise from horizontal
 as the camera sees the scene ([MK14] eq. 11).
@@ -52,7 +52,7 @@ def aolp_rad(stokes: ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray
-        Shape (...), [rad], in [0, pi). 0 where S1 = S2 = 0: there the angle has no meaning.
+        Shape (...), [rad], in [0, pi). 0 for S1 = S2 = 0, where the angle is undefined.
     """
     array = checked_stokes(stokes)
     angle = 0.5 * np.arctan2(array[..., 2], array[..., 1])

@@ -1,7 +1,7 @@
-"""Documented kinds of aerosol: optical properties over wavelength, spheres that stand for them, profile over height.
+"""Documented kinds of aerosol: optical properties by wavelength, equivalent spheres, profile over height.
 
-The rural and the tropospheric aerosol are tables; the others, and aerosols of one's own, are spheres whose sizes and
-indices are documented and grow with humidity. Angstrom's law may take the place of a kind's spectrum.
+The rural and the tropospheric aerosol are tables. The others, and user-defined ones, are spheres with documented sizes
+and indices that change with humidity. Angstrom's law may replace the spectrum of a kind.
 """
 
 from dataclasses import dataclass, replace
@@ -111,7 +111,7 @@ def extinction_of(
 ) -> NDArray[np.float64]:
     """Extinction of an aerosol over that at 550 nm; arguments as in `optics_of`, but for many wavelengths.
 
-    Of spheres, beyond eight wavelengths, a polynomial in 1/wavelength through eight that are computed.
+    For spheres at more than eight wavelengths, a polynomial in 1/wavelength through eight computed ones.
     """
     if angstrom_exponent is not None:
         return angstrom_ratio(exponent=angstrom_exponent, wavelength_m=wavelength_m)
@@ -143,7 +143,7 @@ def angstrom_ratio(*, exponent: float, wavelength_m: ArrayLike) -> NDArray[np.fl
 
 
 def kinks_of(choice: AerosolChoice, *, relative_humidity: float) -> frozenset[float]:
-    """Wavelengths at which the properties of an aerosol over wavelength have a kink: the entries of its tables [m]."""
+    """Wavelengths of kinks in the properties of an aerosol: the entries of its tables [m]."""
     if choice in TABULATED:
         return frozenset((_WAVELENGTH_UM * 1e-6).tolist())
     modes = spheres_of(choice, relative_humidity=relative_humidity).modes
@@ -151,7 +151,7 @@ def kinks_of(choice: AerosolChoice, *, relative_humidity: float) -> frozenset[fl
 
 
 def spheres_of(choice: AerosolChoice, *, relative_humidity: float) -> MieAerosol:
-    """Spheres of an aerosol; those of one's own are as they are given, at any humidity."""
+    """Spheres of an aerosol; user-defined ones do not depend on humidity."""
     if isinstance(choice, MieAerosol):
         return choice
     return preset_aerosol(AerosolType(choice), relative_humidity=relative_humidity)
@@ -208,8 +208,8 @@ _VISIBILITY_KM = np.array([50.0, 23.0, 10.0, 5.0, 2.0])
 def aerosol_column(*, visibility_m: float | None = None, optical_depth: float | None = None) -> AerosolColumn:
     """Aerosol over height for a visibility at the ground, or for an optical depth at 550 nm.
 
-    Up to 4 km extinction is linear in 1/visibility between the tabulated 2, 5, 10, 23 and 50 km. The optical depth
-    that a "visibility" stands for differs by 30 % between codes: 0.324 here for 23 km, 0.226 by the rule of 6S.
+    Up to 4 km extinction is linear in 1/visibility between the tabulated 2, 5, 10, 23 and 50 km. Codes differ by 30 %
+    in the optical depth for a visibility: 0.324 here for 23 km, 0.226 by the rule of 6S.
 
     Shettle & Fenn, AFGL-TR-79-0214 (1979), as tabulated in LOWTRAN 7 (Kneizys et al., AFGL-TR-88-0177).
     """
@@ -282,7 +282,7 @@ def _table(kind: AerosolType, relative_humidity: float) -> NDArray[np.float64]:
     if not _RURAL_HUMIDITY[0] <= relative_humidity <= _RURAL_HUMIDITY[-1]:
         raise ValueError(f"relative_humidity = {relative_humidity!r}, allowed is 0 to {_RURAL_HUMIDITY[-1]}")
     if kind not in TABULATED:
-        raise ValueError(f"aerosol {kind.value!r} has no table, only spheres (`model.atmosphere.aerosols`)")
+        raise ValueError(f"aerosol {kind.value!r} has no table, only spheres")
     if kind is AerosolType.TROPOSPHERIC:
         return _TROPOSPHERIC
     dryness, given = -np.log1p(-_RURAL_HUMIDITY), -np.log1p(-relative_humidity)
@@ -304,7 +304,7 @@ _OPAC = (
     "Hess, Koepke & Schult, Bull. Am. Meteorol. Soc. 79 (1998) 831, doi:10.1175/1520-0477(1998)079<0831:OPOAAC>2.0.CO;2"
 )
 _SECOND_HAND = "numbers not checked against the original report"
-_GIVES_TABLE = f"{_SECOND_HAND}, but they give back its table of optical properties"
+_GIVES_TABLE = f"{_SECOND_HAND}, but they reproduce its table of optical properties"
 
 _WAVELENGTH_M = tuple(nm / 1e9 for nm in (300.0, 337.1, 400.0, 488.0, 514.5, 550.0, 632.8, 694.3, 860.0, 1060.0))
 _ROWS = len(_WAVELENGTH_M)
@@ -351,9 +351,9 @@ def preset_aerosol(kind: AerosolType, *, relative_humidity: float) -> MieAerosol
 
     Notes
     -----
-    Rural and tropospheric: with these sizes and indices Mie's theory gives back extinction, absorption and asymmetry of
-    `model.atmosphere.aerosols` within 1 %, and the asymmetry within 5e-4, so that both are one aerosol. Radii
-    grow with humidity as tabulated (their logarithm linear in that of 1 - humidity), the index mixes by volume.
+    Rural and tropospheric: these sizes and indices reproduce the tabulated extinction and absorption within 1 %, and
+    the asymmetry within 5e-4. Radii grow with humidity as tabulated (their logarithm linear in that of 1 - humidity),
+    the index mixes by volume.
 
     References
     ----------

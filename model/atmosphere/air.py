@@ -1,4 +1,4 @@
-"""The air over a place: molecules, ozone and aerosol of one state, as layers at one wavelength.
+"""The air: molecules, ozone and aerosol, as layers at one wavelength.
 
 Heights follow the US standard atmosphere 1976. Ozone lies above nearly all scattering and acts on the beam alone.
 Over a band, logarithms of the aerosol's properties are straight lines between the kinks of its tables.
@@ -220,7 +220,7 @@ def column(state: AtmosphereState, *, wavelength_m: float) -> Column:
 
 
 def kinks_m(state: AtmosphereState, *, aerosol: AerosolKind) -> tuple[float, ...]:
-    """Wavelengths at which the light has a kink because the tables of the aerosol have one [m], increasing."""
+    """Wavelengths of kinks in the tables of the aerosol [m], increasing."""
     choices = {state.boundary_aerosol, state.upper_aerosol}
     if aerosol is AerosolKind.SPHERES:
         choices |= {spheres_of(choice, relative_humidity=state.relative_humidity) for choice in choices}
@@ -297,8 +297,7 @@ def aerosol_spectra(
 ) -> tuple[AerosolSpectrum, AerosolSpectrum]:
     """Return the aerosol of the lowest 2 km and that above over a band.
 
-    Computed at the nodes alone: between them the logarithms of a table are straight lines, and those of spheres are
-    taken as such.
+    Computed at the nodes; between them logarithms are linear, exactly for tables and approximately for spheres.
     """
     profile = aerosol_column(visibility_m=state.visibility_m, optical_depth=state.aerosol_optical_depth)
     depths = profile.optical_depth_between([0.0, BOUNDARY_LAYER_TOP_M], [BOUNDARY_LAYER_TOP_M, np.inf])
@@ -337,7 +336,7 @@ _FINE_M = 1e3 * np.concatenate(
 _COARSE_M = 1e3 * np.array([0, 0.5, 1, 1.5, 2, 3, 4, 5, 7, 9, 12, 16, 20, 25, 35, 100])
 
 
-# From a face near the ground each layer is at most so many times as high as the one below.
+# Largest ratio of the thicknesses of adjacent layers above a face near the ground.
 _GROWTH = 4.0
 
 
@@ -357,7 +356,7 @@ def pressure_ratio(height_m: ArrayLike) -> NDArray[np.float64]:
     U.S. Standard Atmosphere 1976, NOAA-S/T 76-1562, eqs. (18), (33a), (33b), table 4.
     """
     height = np.asarray(height_m, dtype=float)
-    # Above the top, infinity included, nothing is left; held there the formula stays finite.
+    # Limited to the top, above which nothing is left, so that the formula stays finite.
     held = np.minimum(height, 2.0 * _TOP_M)
     geopotential = _EARTH_RADIUS_M * held / (_EARTH_RADIUS_M + held)
     ratio = np.ones_like(geopotential)

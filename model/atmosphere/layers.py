@@ -1,8 +1,8 @@
 """Homogeneous layers with their scattering matrices: expansion, truncation and integration over depth.
 
-A scattering matrix enters the solver twice. Light scattered once needs its first column, exactly, at any angle; light
-scattered more often needs its coefficients in Wigner functions. A further kind of aerosol has to bring these two. The
-forward peak that few directions cannot hold counts as not scattered (delta-M).
+Light scattered once needs the first column of the scattering matrix, exactly, at any angle; light scattered more often
+needs its coefficients in Wigner functions. Every kind of aerosol must provide both. The forward peak that few
+directions cannot represent counts as unscattered (delta-M).
 
 Each layer is cut in elements, in which the source is a parabola of optical depth through the values at the top, in
 the middle and at the bottom; the exponential of extinction is integrated exactly.
@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 
 def stokes_basis(*, degree_max: int, order_max: int, mu: FloatArray) -> FloatArray:
-    """Basis matrices that carry the radiance (I, Q, U) of one azimuth mode to expansion space and back.
+    """Basis matrices between the radiance (I, Q, U) of one azimuth mode and expansion space.
 
     With I, Q as cosine and U as sine series in the azimuth of propagation, mode m of the scattering matrix between
     two directions is the sum over l of basis(mu) @ B_l @ basis(mu'), B_l = [[a1, b1, 0], [b1, a2, 0], [0, 0, a3]]
@@ -46,8 +46,8 @@ def _functions(degree_max: int, order_max: int, mu_bytes: bytes) -> FloatArray:
     return functions
 
 
-# Of many directions they take tens of megabytes; of the few of a quadrature little; of some lines of sight, to which a
-# sweep comes back with every sun, next to nothing.
+# Cached for quadratures and for lines of sight, to which a sweep returns with every sun; many directions would take
+# tens of megabytes.
 _kept_functions_of_many, _kept_functions_of_few, _kept_functions_of_some = (
     lru_cache(maxsize=size)(_functions) for size in (6, 48, 192)
 )
@@ -71,15 +71,15 @@ _FEWEST_DEGREES = 24
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScatteringMatrix:
-    """Scattering matrix of spheres by its expansion; two are the same only if they are one object.
+    """Scattering matrix of spheres by its expansion; compared by identity.
 
     Attributes
     ----------
     coefficients
         a1, a2, a3, b1 of degree 0, 1, ... as in `phase.expansion_coefficients`, shape (L, 4); the first is 1.
     error_estimate
-        Estimated error of F11, both in the mean over the sphere. Within a degree or two of forward it is larger: there
-        lies the diffraction of the few largest spheres.
+        Estimated error of F11 in the mean over the sphere. It is larger within a degree or two of forward, the
+        diffraction of the few largest spheres.
     """
 
     coefficients: NDArray[np.float64]
@@ -107,8 +107,8 @@ class ScatteringMatrix:
 
         Notes
         -----
-        Interpolated between samples four times as dense as the expansion asks for: error below 1e-6 of the largest
-        value beside.
+        Interpolated between samples four times as dense as the expansion requires: error below 1e-6 of the largest
+        value nearby.
         """
         last = self._samples.shape[1] - 1 - 2 * _STENCIL[-1]
         place = angle_rad / pi * last
@@ -145,13 +145,13 @@ class Layer:
     ssa_aerosol
         Single-scattering albedo of the aerosol, 0 to 1. A pure absorber (ozone) is an aerosol of albedo 0.
     g_aerosol
-        Asymmetry of the aerosol's Henyey-Greenstein function, -1 < g < 1; a matrix brings its own.
+        Asymmetry of the aerosol's Henyey-Greenstein function, -1 < g < 1; not used with a matrix.
     delta
         Rayleigh anisotropy (1 - rho)/(1 + rho/2), rho the depolarization factor, 0 to 1; about 0.958 for air.
     matrix
-        Scattering matrix of the aerosol, which spheres have; None for a Henyey-Greenstein function.
+        Scattering matrix of spheres; None for a Henyey-Greenstein function.
     forward_share
-        Share of the aerosol's scattering that counts as not scattered at all, 0 to below 1; the solver sets it.
+        Share of the aerosol's scattering that counts as unscattered, 0 to below 1; set by the solver.
     """
 
     tau_rayleigh: float
@@ -172,7 +172,7 @@ class Layer:
 
     @property
     def depth(self) -> float:
-        """Optical depth of the layer without what counts as not scattered."""
+        """Optical depth of the layer without the unscattered share."""
         return self.full_depth - self.tau_aerosol * self.ssa_aerosol * self.forward_share
 
     @property
@@ -181,43 +181,42 @@ class Layer:
         return self.tau_rayleigh + self.tau_aerosol
 
 
-_NEGLIGIBLE = 1e-13  # of the whole depth: faces so close cannot be told apart in double precision
+_NEGLIGIBLE = 1e-13  # of the whole depth: closer faces coincide in double precision
 
 
 def merge_alike(layers: Sequence[Layer]) -> list[Layer]:
-    """Layers with neighbours of the same composition joined, and those of no depth left out."""
+    """Layers with equal neighbours joined, without those of no depth."""
     least = _NEGLIGIBLE * sum(layer.depth for layer in layers)
     filled = (layer for layer in layers if layer.depth > least)
     return [_joined(list(alike)) for _, alike in groupby(filled, key=_composition)]
 
 
 class AerosolKind(StrEnum):
-    """Kind of aerosol by what its scattering does to polarization."""
+    """Kind of aerosol by its effect on polarization."""
 
     DEPOLARIZING = "depolarizing"
     """The scattered light is unpolarized."""
     POLARIZING = "polarizing"
     """Unpolarized light stays so; polarized light keeps its state in and near the forward direction."""
     SPHERES = "spheres"
-    """As homogeneous spheres do, by their scattering matrix."""
+    """Scattering matrix of homogeneous spheres."""
 
 
 def layers_of_kind(layers: Sequence[Layer], kind: AerosolKind) -> list[Layer]:
-    """Layers with scattering matrices where the kind of aerosol asks for them, and without otherwise."""
+    """Layers with scattering matrices only if the kind of aerosol needs them."""
     if kind is not AerosolKind.SPHERES:
         return [replace(layer, matrix=None) for layer in layers]
     if any(layer.matrix is None and layer.tau_aerosol * layer.ssa_aerosol > 0.0 for layer in layers):
-        raise ValueError("aerosol 'spheres' asks for a matrix in every layer whose aerosol scatters")
+        raise ValueError("aerosol 'spheres' needs a matrix in every layer whose aerosol scatters")
     return list(layers)
 
 
 def expansion_coefficients(layers: Sequence[Layer], *, degree_max: int, aerosol: AerosolKind) -> NDArray[np.float64]:
     """Expansion coefficients of each layer's scattering matrix times its single-scattering albedo.
 
-    A layer with a scattering matrix has its coefficients, less the share of a forward peak that counts as not
-    scattered (delta-M). Others are Henyey-Greenstein: a1 = (2l + 1) g^l; a polarizing one also has a2 = a3 = a1 from
-    l = 2, the simplest choice that is regular at 180 degrees. Both have b1 = 0: real particles polarize by
-    themselves, these do not.
+    A layer with a scattering matrix has its coefficients, less the forward peak that counts as unscattered (delta-M).
+    Others are Henyey-Greenstein: a1 = (2l + 1) g^l; a polarizing one also has a2 = a3 = a1 from l = 2, the simplest
+    choice that is regular at 180 degrees. Both have b1 = 0: unlike real particles they do not polarize.
 
     de Rooij & van der Stap, Astron. Astrophys. 131 (1984) 237 (b1 there has the other sign, its P^l_02 = -d^l_02);
     Wiscombe, J. Atmos. Sci. 34 (1977) 1408 (delta-M); Henyey & Greenstein, Astrophys. J. 93 (1941) 70.
@@ -270,14 +269,14 @@ def henyey_greenstein(
 
 
 _ROUNDING = 1e-9
-_SERIES_TERMS = 18  # what the first guess leaves of an error at 1 is 2/18!
+_SERIES_TERMS = 18  # the series to here has an error of 2/18! at 1
 
 
 def element_edges(
     layers: Sequence[Layer], *, element_depth: float, halvings: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int_]]:
     """Optical depths of the elements' faces, and the layer each element belongs to."""
-    # A depth that is a multiple of the element's but for rounding must not make one element more.
+    # Rounding of a depth that is a multiple of the element's must not add an element.
     counts = [max(ceil(layer.depth / element_depth - _ROUNDING), 1) for layer in layers]
     depths = [layer.depth / count for layer, count in zip(layers, counts, strict=True)]
     owner = np.repeat(np.arange(len(layers)), counts)
@@ -302,7 +301,7 @@ def slant(depth: NDArray[np.float64], mu: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def source_weights(*, path: NDArray[np.float64], part: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Weights of the three source values of an element in the radiance that it adds.
+    """Weights of the three source values of an element in its radiance.
 
     Exact for a source that is a parabola of depth. At the horizon only the source at the observer counts.
     """
@@ -311,10 +310,10 @@ def source_weights(*, path: NDArray[np.float64], part: NDArray[np.float64]) -> N
 
 
 def delta_m_truncated(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
-    """Layers whose scattering matrices give up the forward peak that an expansion to a degree cannot hold.
+    """Layers whose scattering matrices lack the forward peak beyond an expansion to a degree.
 
-    Delta-M: light in the peak counts as not scattered, as much of it as makes the first degree left out vanish. Light
-    scattered once keeps the exact matrix, along the paths of the lesser depth (TMS). What remains is the shape of the
+    Delta-M: the peak counts as unscattered, in the amount that makes the first omitted degree vanish. Light scattered
+    once keeps the exact matrix, along the paths of the reduced depth (TMS). The remaining error is the shape of the
     aureole of light scattered twice and more, within some ten degrees of the sun.
 
     Wiscombe, J. Atmos. Sci. 34 (1977) 1408; Nakajima & Tanaka, J. Quant. Spectrosc. Radiat. Transfer 40 (1988) 51,
@@ -324,7 +323,7 @@ def delta_m_truncated(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
 
 
 def with_truncated_matrix(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
-    """Layers of lesser depth and albedo, whose matrices end at a degree: as `delta_m_truncated`, also seen once.
+    """Layers of reduced depth and albedo with truncated matrices, also for light scattered once (`delta_m_truncated`).
 
     Fluxes of their light, together with that of the peak, are those of the layers given, and far easier to integrate.
 
@@ -334,13 +333,13 @@ def with_truncated_matrix(layers: Sequence[Layer], *, degree: int) -> list[Layer
 
 
 def peak_irradiance(layers: Sequence[Layer], truncated: Sequence[Layer], *, mu0: float) -> float:
-    """Irradiance of the ground by the forward peak, per unit of the beam's: diffuse light that counted as the beam."""
+    """Irradiance of the ground by the forward peak, which counts as beam, per unit of the beam's."""
     full, counted = (sum(layer.depth for layer in each) for each in (layers, truncated))
     return mu0 * (exp(-counted / mu0) - exp(-full / mu0))
 
 
 def single_peak_irradiance(layers: Sequence[Layer], *, degree: int, mu0: float) -> float:
-    """Irradiance of the ground by light of the forward peak that was scattered once, per unit beam irradiance.
+    """Irradiance of the ground by the forward peak of light scattered once, per unit beam irradiance.
 
     definition: it goes on along the beam.
     """
@@ -350,7 +349,7 @@ def single_peak_irradiance(layers: Sequence[Layer], *, degree: int, mu0: float) 
 
 
 def truncated_by_absorption(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
-    """Layers of the same depth whose matrices end at a degree, the forward peak taken from their albedo."""
+    """Layers of the same depth with truncated matrices, the forward peak subtracted from their albedo."""
     return [_cut(layer, degree) for layer in layers]
 
 
@@ -463,7 +462,7 @@ def _joined(alike: list[Layer]) -> Layer:
 
 
 def _composition(layer: Layer) -> tuple[object, ...]:
-    """Return what two layers must share to be one; rounded, since cutting a layer in parts rounds its depths."""
+    """Return the properties that equal layers share; rounded, since cutting a layer rounds its depths."""
     aerosol_share = float(f"{layer.tau_aerosol / layer.depth:.10g}")
     return (aerosol_share, layer.ssa_aerosol, layer.g_aerosol, layer.delta, layer.matrix, layer.forward_share)
 

@@ -19,14 +19,14 @@ from model.atmosphere.layers import ScatteringMatrix, matrix_functions
 
 @dataclass(frozen=True, kw_only=True)
 class RefractiveIndex:
-    """Index n + ik (k >= 0 absorbs) as a table over wavelength; one row stands for all wavelengths.
+    """Index n + ik (k >= 0 absorbs) as a table over wavelength; a single row is valid at all wavelengths.
 
     Attributes
     ----------
     n, k
         Real part, above 0, and absorbing part, 0 or more; linear between rows.
     wavelength_m
-        Increasing wavelengths of the rows [m]; empty for one row that holds everywhere.
+        Increasing wavelengths of the rows [m]; empty for a single row.
     """
 
     n: tuple[float, ...]
@@ -80,12 +80,12 @@ def mixed_index(*, parts: tuple[RefractiveIndex, ...], volume_shares: tuple[floa
     return RefractiveIndex(n=n, k=k, wavelength_m=parts[0].wavelength_m)
 
 
-_REACH = 8.0  # standard deviations of a log-normal distribution beyond which 1e-15 of it lies
+_REACH = 8.0  # standard deviations beyond which 1e-15 of a log-normal distribution lies
 
 
 @dataclass(frozen=True, kw_only=True)
 class LogNormal:
-    """Log-normal number of particles over radius; `log_normal` makes one from other ways to say it.
+    """Log-normal number of particles over radius; `log_normal` makes one from other parameters.
 
     Attributes
     ----------
@@ -205,14 +205,14 @@ class TabulatedSizes:
         return False
 
     def number_per_log_radius(self, radius_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Particles per unit of ln(radius), for one particle in all."""
+        """Particles per unit of ln(radius), for one particle in total."""
         log_radius, number = np.log(self.radius_m), np.array(self.number_per_log_radius_at)
         total = np.sum(np.diff(log_radius) * (number[1:] + number[:-1])) / 2.0
         return np.asarray(np.interp(np.log(radius_m), log_radius, number / total, left=0.0, right=0.0))
 
 
 def number_of_volume(*, volume: float, volume_median_radius_m: float, ln_sigma: float) -> float:
-    """Return how many particles of a log-normal distribution together have a volume, per unit of that volume.
+    """Return the number of particles of a log-normal distribution per unit of their total volume.
 
     Parameters
     ----------
@@ -245,16 +245,16 @@ class SizeDistribution(Protocol):
 
     @property
     def breaks_m(self) -> tuple[float, ...]:
-        """Increasing radii [m]: the ends, and those between where the number is not smooth."""
+        """Increasing radii [m]: the ends, and points between where the number is not smooth."""
         ...
 
     @property
     def ends_vanish(self) -> bool:
-        """True if the number falls off smoothly to nothing at both ends, and is smooth between."""
+        """True if the number falls smoothly to zero at both ends, and is smooth between."""
         ...
 
     def number_per_log_radius(self, radius_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Particles per unit of ln(radius), for one particle in all."""
+        """Particles per unit of ln(radius), for one particle in total."""
         ...
 
 
@@ -322,7 +322,7 @@ _MEMORY = 64
 
 
 def aerosol_scattering(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float = 1e-3) -> AerosolScattering:
-    """Attenuation and scattering matrix of an aerosol of spheres at one wavelength; remembered.
+    """Attenuation and scattering matrix of an aerosol of spheres at one wavelength; cached.
 
     Parameters
     ----------
@@ -331,8 +331,8 @@ def aerosol_scattering(aerosol: MieAerosol, *, wavelength_m: float, tolerance: f
     wavelength_m
         In the air [m], above 0.
     tolerance
-        Wanted error of cross-sections and expansion relative to the scattering, above 0. The result says what it
-        estimates to have reached; narrow resonances of spheres without absorption fall slowly.
+        Error of cross-sections and expansion relative to the scattering, above 0. The result has the estimated error;
+        narrow resonances of non-absorbing spheres converge slowly.
 
     Raises
     ------
@@ -341,8 +341,8 @@ def aerosol_scattering(aerosol: MieAerosol, *, wavelength_m: float, tolerance: f
 
     Notes
     -----
-    Trapezoidal rule over size, halved until two steps agree. Both tails of the sizes that add less than a quarter of
-    the tolerance, and the degrees of the expansion that do, are left out.
+    Trapezoidal rule over size, halved until two steps agree. Tails of the sizes and degrees of the expansion that add
+    less than a quarter of the tolerance are left out.
 
     References
     ----------
@@ -353,7 +353,7 @@ def aerosol_scattering(aerosol: MieAerosol, *, wavelength_m: float, tolerance: f
 
 @lru_cache(maxsize=_MEMORY)
 def _scattering(aerosol: MieAerosol, wavelength_m: float, tolerance: float) -> AerosolScattering:
-    """Return what `aerosol_scattering` does; kept under the same key whether or not the tolerance is the usual one."""
+    """Return the result of `aerosol_scattering`, cached under a key that includes the default tolerance."""
     _require_positive(wavelength_m=wavelength_m, tolerance=tolerance)
     ranges = _size_ranges(aerosol, wavelength_m=wavelength_m, tolerance=tolerance)
     grid = angular_grid(largest_size_parameter=max(float(bounds[-1]) for bounds in ranges if bounds.size))
@@ -365,7 +365,7 @@ def _scattering(aerosol: MieAerosol, wavelength_m: float, tolerance: float) -> A
     change = change / total[1, 0]
     return AerosolScattering(
         extinction_m2=float(total[0, 0]) / sum(mode.number_share for mode in aerosol.modes),
-        ssa=min(float(total[1, 0] / total[0, 0]), 1.0),  # rounding of spheres that do not absorb
+        ssa=min(float(total[1, 0] / total[0, 0]), 1.0),  # rounding of non-absorbing spheres
         matrix=_matrix(total[1:] / total[1, 0], change[1:], tolerance),
         error_estimate=_size_of(change) + tolerance / 4.0,
     )
@@ -373,7 +373,7 @@ def _scattering(aerosol: MieAerosol, wavelength_m: float, tolerance: float) -> A
 
 @lru_cache(maxsize=16 * _MEMORY)
 def aerosol_extinction_m2(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float = 1e-3) -> float:
-    """Mean extinction cross-section of a particle [m2], without the matrix, which costs most; remembered."""
+    """Mean extinction cross-section of a particle [m2], without the costly matrix; cached."""
     _require_positive(wavelength_m=wavelength_m, tolerance=tolerance)
     ranges = _size_ranges(aerosol, wavelength_m=wavelength_m, tolerance=tolerance)
 
@@ -409,11 +409,11 @@ def _require_positive(**numbers: float) -> None:
 _BEND = 10.0
 _FIRST_STEP = 0.08
 _LARGEST_SIZE_MIE_AEROSOL = 2e3
-_SCAN_STEP = 0.05  # of ln x, to find the sizes that matter
+_SCAN_STEP = 0.05  # of ln x, to find the relevant sizes
 
 
 def _size_ranges(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float) -> list[NDArray[np.float64]]:
-    """For each mode the size parameters between which its distribution is smooth; empty if it adds nothing."""
+    """For each mode the size parameters between which its distribution is smooth; empty if it is negligible."""
     grids = [_weighed_sizes(mode, wavelength_m) for mode in aerosol.modes]
     least = tolerance / (8.0 * len(grids)) * sum(float(np.sum(weight)) for _, weight in grids)
     ranges = [
@@ -423,19 +423,19 @@ def _size_ranges(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float) 
     largest = max(float(bounds[-1]) for bounds in ranges if bounds.size)
     if largest > _LARGEST_SIZE_MIE_AEROSOL:
         raise ValueError(
-            f"aerosol {aerosol.name!r}: spheres up to {largest * wavelength_m / (2.0 * pi):.3g} m matter at "
-            f"{wavelength_m:.4g} m, allowed are {_LARGEST_SIZE_MIE_AEROSOL * wavelength_m / (2.0 * pi):.3g} m; "
-            "give a smaller largest_radius_m or a larger tolerance"
+            f"aerosol {aerosol.name!r}: spheres up to {largest * wavelength_m / (2.0 * pi):.3g} m contribute at "
+            f"{wavelength_m:.4g} m, allowed are {_LARGEST_SIZE_MIE_AEROSOL * wavelength_m / (2.0 * pi):.3g} m; give a "
+            "smaller largest_radius_m or a larger tolerance"
         )
     return ranges
 
 
 def _weighed_sizes(mode: ParticleMode, wavelength_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Size parameters in equal steps of their logarithm, and roughly what each adds to the extinction."""
+    """Size parameters in equal steps of their logarithm, and their approximate extinction."""
     first, last = mode.sizes.breaks_m[0], mode.sizes.breaks_m[-1]
     radius = np.geomspace(first, last, ceil(log(last / first) / _SCAN_STEP) + 2)
     size = 2.0 * pi * radius / wavelength_m
-    # Small spheres absorb like x and scatter like x^4, large ones take away twice their cross-section.
+    # Small spheres absorb like x and scatter like x^4; the extinction of large ones is twice their cross-section.
     efficiency = np.minimum(2.0, 0.25 * size**4 + 2.0 * size * mode.index.at(wavelength_m).imag)
     number = mode.number_share * mode.sizes.number_per_log_radius(radius)
     return size, number * radius**2 * efficiency * log(last / first) / radius.size
@@ -444,7 +444,7 @@ def _weighed_sizes(mode: ParticleMode, wavelength_m: float) -> tuple[NDArray[np.
 def _range(
     mode: ParticleMode, size: NDArray[np.float64], weight: NDArray[np.float64], least: float, wavelength_m: float
 ) -> NDArray[np.float64]:
-    """Range of one mode: its breaks, cut where the tails beyond add less than the least."""
+    """Range of one mode: its breaks, without negligible tails."""
     kept = np.flatnonzero((np.cumsum(weight) > least) & (np.cumsum(weight[::-1])[::-1] > least))
     if kept.size == 0:
         return np.zeros(0)
@@ -456,7 +456,7 @@ def _range(
 
 @dataclass(frozen=True, kw_only=True)
 class AngularGrid:
-    """Scattering angles for spheres in groups of like size: so many for each that integrals are exact."""
+    """Scattering angles for groups of spheres of similar size, enough for exact integrals."""
 
     terms: tuple[int, ...]
     starts: tuple[int, ...]
@@ -484,9 +484,9 @@ def angular_grid(*, largest_size_parameter: float) -> AngularGrid:
 
 
 def _sphere_terms(size_parameter: NDArray[np.float64]) -> NDArray[np.int_]:
-    """Terms that the series needs, for each size parameter.
+    """Terms of the series for each size parameter.
 
-    A term falls like exp(-(4/3) (1.26 c)^1.5) at x + c x^(1/3): for c = 6 what is left out is below 1e-11 of the sum.
+    A term falls like exp(-(4/3) (1.26 c)^1.5) at x + c x^(1/3): for c = 6 the omitted part is below 1e-11 of the sum.
 
     Wiscombe, Appl. Opt. 19 (1980) 1505, doi:10.1364/AO.19.001505, who takes c = 4.05 for half as many digits.
     """
@@ -553,7 +553,7 @@ def _steps(
         if not middles:
             step[[0, -1]] /= 2.0
         if not ends_vanish:
-            # The rule then is of eighth order on an interval at whose ends the size distribution breaks off.
+            # The rule is then of eighth order on an interval where the size distribution ends abruptly.
             step, share = 140.0 * (share * (1.0 - share)) ** 3 * step, share**4 * np.polyval((-20, 70, -84, 35), share)
         abscissae.append(low + (high - low) * share)
         weights.append((high - low) * step)
@@ -628,8 +628,8 @@ def sphere_coefficients(
     Notes
     -----
     Logarithmic derivative downward from far above its turning point; Riccati-Bessel functions of the first kind upward
-    to their turning point and by downward ratios beyond, of the second kind upward. Real parts are formed without
-    the difference of large terms, so that a small sphere without absorption has as much extinction as scattering.
+    to their turning point and by downward ratios beyond, of the second kind upward. Real parts are computed without
+    differences of large terms, so that a small non-absorbing sphere has equal extinction and scattering.
 
     References
     ----------
@@ -646,7 +646,7 @@ def sphere_coefficients(
     first, second = np.sin(size_parameter), np.cos(size_parameter)
     first_before, second_before = second, -first  # orders 0 and -1
     for order in range(1, count + 1):
-        # Sizes increase, so those whose series has ended are the first ones: only the others go on.
+        # Sizes increase, so series end in order: only the later ones continue.
         start = int(np.searchsorted(terms, order))
         x = size_parameter[start:]
         held = slice(start - size_parameter.size, None)
@@ -678,7 +678,7 @@ def _check(size_parameter: NDArray[np.float64], n: float, k: float) -> None:
 def _logarithmic_derivative(argument: NDArray[np.complexfloating], count: int) -> NDArray[np.complex128]:
     """D_n of the first kind at complex arguments, shape (count + 1, N)."""
     largest = float(np.max(np.abs(argument)))
-    # Beyond the turning point an error of the start decays like exp(-(4/3) (1.26 * 8)^1.5), below 1e-18.
+    # Beyond the turning point an initial error decays like exp(-(4/3) (1.26 * 8)^1.5), below 1e-18.
     start = max(count, ceil(largest)) + ceil(8.0 * largest ** (1.0 / 3.0)) + 16
     values = np.zeros((count + 1, argument.size), dtype=complex)
     inverse = 1.0 / argument
@@ -705,7 +705,7 @@ def _first_kind_ratios(size_parameter: NDArray[np.float64], count: int) -> NDArr
 
 
 def _coefficient(p: NDArray[np.complex128], q: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Quotient p / (p - iq), with a real part that keeps its digits where q is far larger than p."""
+    """Quotient p / (p - iq), with an accurate real part for q far larger than p."""
     denominator = np.abs(p - 1j * q) ** 2
     mixed = p * q.conj()
     result: NDArray[np.complex128] = ((np.abs(p) ** 2 - mixed.imag) + 1j * mixed.real) / denominator
@@ -728,7 +728,7 @@ def amplitude_sums(
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Sum and difference of the amplitudes, S1 + S2 and S1 - S2, each of shape (N, A).
 
-    S1 is that of the field across the scattering plane, S2 of the field in it.
+    S1 is for the field across the scattering plane, S2 for the field in it.
 
     Bohren & Huffman (1983), eqs. (4.47), (4.74).
     """
@@ -771,14 +771,14 @@ def expand(grid: AngularGrid, matrix: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def _size_of(change: NDArray[np.float64]) -> float:
-    """Size of a relative change as `_sums` lays it out: of the extinction, or of the matrix (rms over the sphere)."""
+    """Size of a relative change in the layout of `_sums`: of the extinction, or of the matrix (rms over the sphere)."""
     degree = np.arange(change.shape[0] - 1)[:, np.newaxis]
     elements = np.sqrt(np.sum(change[1:] ** 2 / (2 * degree + 1), axis=0))
     return float(max(abs(change[0, 0]), np.max(elements)))
 
 
 def _matrix(coefficients: NDArray[np.float64], change: NDArray[np.float64], tolerance: float) -> ScatteringMatrix:
-    """Scattering matrix, cut where the rest of its expansion is negligible."""
+    """Scattering matrix without negligible terms of its expansion."""
     length = _length(coefficients, tolerance / 4.0)
     degree = np.arange(len(change))
     missing = float(np.sum(np.abs(coefficients[length:, 0]))) + tolerance / 4.0  # degrees, and tails of the sizes
@@ -789,7 +789,7 @@ def _matrix(coefficients: NDArray[np.float64], change: NDArray[np.float64], tole
 
 
 def _length(coefficients: NDArray[np.float64], tolerance: float) -> int:
-    """Degrees to keep so that those left out sum to less than the tolerance, 2 at least."""
+    """Return the number of degrees, at least 2, beyond which the rest sums to less than the tolerance."""
     size = np.max(np.abs(coefficients), axis=1)
     beyond = np.cumsum(size[::-1])[::-1]
     return max(int(np.count_nonzero(beyond > tolerance)), 2)

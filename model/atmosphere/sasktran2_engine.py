@@ -1,4 +1,4 @@
-"""Solution of the atmosphere by sasktran2: an independent check. The package is imported when a sky is asked for."""
+"""Solution of the atmosphere by sasktran2, as an independent check. The package is imported at the first use."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,9 +23,9 @@ from model.atmosphere.layers import (
 from model.atmosphere.sky import MATRIX_DEGREE, sky_irradiance
 from model.atmosphere.solver import check_scene
 
-# Optical depth is made height at a constant extinction: only depth matters where air lies in planes. Planes are
-# emulated by a sphere so large that 80 degrees from the vertical the air is thicker by 3e-4; a larger one, or a thinner
-# shell, costs the digits of its path lengths.
+# Height is proportional to optical depth, the only relevant quantity for plane layers. Planes are emulated by a sphere
+# so large that 80 degrees from the vertical the air is thicker by 3e-4; a larger one, or a thinner shell, would lose
+# digits of its path lengths.
 _THICKNESS_M, _RADIUS_M = 2e4, 1e9
 _LOWEST_SKY_MU = 1e-3
 _ALMOST_VERTICAL = 1.0 - 1e-9  # at exactly 1 its frame is not turned with the azimuth
@@ -48,7 +48,7 @@ class Sasktran2Solution:
     albedo
         Albedo of the Lambertian ground.
     aerosol
-        What the aerosol does to polarization.
+        Effect of the aerosol on polarization.
     streams
         Directions of its discrete ordinates.
     element_depth
@@ -69,12 +69,12 @@ class Sasktran2Solution:
 
     @property
     def converged(self) -> bool:
-        """True if its answer is final: it does not iterate."""
+        """True: it does not iterate."""
         return True
 
     @property
     def error_estimate(self) -> float:
-        """Error as stated, more than 12 degrees from the zenith; it estimates none itself."""
+        """Documented error more than 12 degrees from the zenith; sasktran2 does not estimate it."""
         return _STATED_ERROR
 
     @cached_property
@@ -107,10 +107,10 @@ class Sasktran2Solution:
 
         Notes
         -----
-        Looking up needs its spherical mode, which 2 to 10 degrees from the zenith interpolates light scattered more
-        than once badly, up to 1.6 %; looking down its plane-parallel mode is taken, which does not. Its sphere has no
-        flat horizon: nearer to it than 0.06 deg the sky at 0.06 deg is given, wrong by up to 2e-2. Looking down from
-        less than 1 deg above the horizon it is wrong by a half; nobody should.
+        Looking up needs its spherical mode, which has interpolation errors up to 1.6 % in light scattered more than
+        once, 2 to 10 degrees from the zenith; looking down uses the accurate plane-parallel mode. Its sphere has no
+        flat horizon: nearer than 0.06 deg the sky at 0.06 deg is returned, wrong by up to 2e-2. Looking down from less
+        than 1 deg above the horizon is wrong by a half.
 
         References
         ----------
@@ -123,7 +123,7 @@ class Sasktran2Solution:
         height_m = (1.0 - np.minimum(tau.ravel() / self.depth, 1.0)) * _THICKNESS_M
         rays = np.stack([height_m, np.minimum(cosine.ravel(), _ALMOST_VERTICAL), phi.ravel()])
         total = np.zeros((rays.shape[1], 3))
-        # It returns nothing for a ray that crosses no air: the sky above it is black, the ground below it is known.
+        # It returns nothing for a ray without air: the sky above is black, the ground below is known.
         if looking == "up":
             crossing = height_m < _THICKNESS_M
         else:
@@ -206,7 +206,7 @@ def sasktran2_solution(
     element_depth
         Largest optical depth between its levels; more than 0.01 is lowered to that.
     tolerance
-        As in `solve`, above 0; any is kept, since this does not iterate.
+        As in `solve`, above 0; without effect, since this does not iterate.
 
     Raises
     ------
@@ -215,8 +215,8 @@ def sasktran2_solution(
 
     Notes
     -----
-    Settings that give right numbers: exact single scattering with the whole expansion, delta-M for the rest, levels as
-    dense as its linear interpolation needs. Ten to a hundred times slower than `solve`.
+    Accurate settings: exact single scattering with the whole expansion, delta-M for the rest, levels as dense as its
+    linear interpolation needs. Ten to a hundred times slower than `solve`.
 
     References
     ----------
@@ -252,7 +252,7 @@ def _check_rays(
     if not np.all((mu >= 0.0) & (mu <= 1.0 + _ROUNDING)):
         raise ValueError("stokes: mu must be 0 (the horizon) to 1")
     if looking == "down" and np.any(mu == 0.0):
-        raise ValueError("stokes: mu must be above 0 looking down: sasktran2 does not see the horizon")
+        raise ValueError("stokes: mu must be above 0 looking down, because sasktran2 has no horizon")
     if not np.all(np.isfinite(phi_rad)):
         raise ValueError("stokes: phi_rad must be finite")
 

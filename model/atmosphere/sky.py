@@ -1,7 +1,7 @@
-"""Light of the sun and the sky in a band: from solved atmospheres, by formula or from a table.
+"""Light of the sun and the sky in a band: from solved atmospheres, a formula or a table.
 
-A scene needs a `Lighting`: the beam, the sky, and what the air does to light on its way to the camera.
-`compute_lighting` makes it, with the effort of a level of fidelity. `TableLighting` reads it from a user's table.
+A scene needs a `Lighting`: the beam, the sky, and the effect of the air on the way to the camera. `compute_lighting`
+makes it, with the effort of a level of fidelity. `TableLighting` reads it from a user's table.
 
 The radiance per solar irradiance is smooth in the wavelength, the solar spectrum is not. The band is therefore
 integrated by a Gauss rule with the spectrum as its weight, for which few wavelengths suffice (`spectral_rule`).
@@ -111,7 +111,7 @@ class SolarBand:
 
     @property
     def shares(self) -> NDArray[np.float64]:
-        """Irradiance that each sample stands for by the trapezoidal rule, shape (N,) [W m-2]."""
+        """Irradiance of each sample by the trapezoidal rule, shape (N,) [W m-2]."""
         reach = np.diff(self.wavelength_m)
         return np.asarray(self.weighted * 0.5 * (np.append(reach, 0.0) + np.append(0.0, reach)))
 
@@ -164,7 +164,7 @@ Light = TypeVar("Light", bound=DiffuseLight, covariant=True)
 
 
 class HowToSolve(TypedDict):
-    """Scene and numerical settings of `model.atmosphere.solver.solve`, which says what they are."""
+    """Scene and numerical settings, as in `model.atmosphere.solver.solve`."""
 
     mu0: float
     albedo: float
@@ -182,7 +182,7 @@ class _SolverFor(Protocol[Light]):
         ...
 
 
-# The solver itself or a store of its solutions; and, where only the light counts, another engine too.
+# The solver, a store of its solutions, or another engine.
 Solver = _SolverFor[Solution]
 LightSolver = _SolverFor[DiffuseLight]
 
@@ -202,10 +202,10 @@ class SolverSettings:
     layer_cuts
         Into how many parts each layer of the profile is cut.
     extrapolated
-        Whether each of these layers and elements is cut in two in a second solution, and both are extrapolated to
-        layers of no thickness.
+        Whether a second solution has each layer and element cut in two, and both are extrapolated to layers of no
+        thickness.
     face_m
-        Height at which a layer ends, for light is read there [m]; 0 for none.
+        Height of a face between layers at which light is read [m]; 0 for none.
     """
 
     fine_layers: bool
@@ -218,7 +218,7 @@ class SolverSettings:
     face_m: float = 0.0
 
 
-# Lines of sight whose light is kept: regions of a scene share them.
+# Lines of sight with cached light, shared by the regions of a scene.
 _KEPT = 64
 
 
@@ -235,7 +235,7 @@ class BandLighting:
 
     @property
     def error_estimate(self) -> float:
-        """Estimated relative error of the diffuse light by solver and wavelengths; the profile has its own."""
+        """Estimated relative error of the diffuse light from solver and wavelengths, without that of the profile."""
         return max(solution.error_estimate for solution in self.solutions) + self.wavelength_error
 
     @property
@@ -271,7 +271,7 @@ class BandLighting:
     def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
         """Transmittance from the ground to a sensor, in the mean over the spectrum of the beam at the ground.
 
-        Right for a surface without colour; for another, take the solutions wavelength by wavelength.
+        Valid for a surface without colour; for others use the solutions at each wavelength.
 
         [MK14] eq. (4).
         """
@@ -339,7 +339,7 @@ class AnalyticLighting:
 class FidelityFacts:
     """Accuracy of a fidelity level, for views up to 80 degrees and a sun up to 75 degrees from the zenith.
 
-    For spheres it holds ten degrees and more from the sun (three, except for dust). For dust the error of the radiance
+    For spheres it holds at least ten degrees from the sun (three, except for dust). For dust the error of the radiance
     is 5 times as large in FAST and 40 times in STANDARD, that of the degree of polarization 2 and 3 times.
     """
 
@@ -395,8 +395,8 @@ def compute_lighting(
 ) -> BandLighting | AnalyticLighting:
     """Return the light of one sun position in a band.
 
-    So many `wavelengths` are computed; `split_at_kinks` divides the band where the aerosol's tables have kinks.
-    `dolp_max` is the largest degree of polarization of the sky by formula. `settings` replace those of the level.
+    `wavelengths` is their number; `split_at_kinks` divides the band at kinks of the aerosol's tables. `dolp_max` is the
+    largest degree of polarization of the sky by formula. `settings` replace those of the level.
     """
     if fidelity is Fidelity.TABLE:
         raise ValueError("compute_lighting: tier 'table' is not computed; build a TableLighting from the table")
@@ -445,7 +445,7 @@ class UnlitSolution:
 
 
 def unlit_solution(layers: Sequence[Layer], *, mu0: float, **_: Any) -> UnlitSolution:
-    """Return an atmosphere of the depth of these layers that scatters no light; called like the solver."""
+    """Return an atmosphere with the depth of these layers but without scattering; called like the solver."""
     return UnlitSolution(mu0=mu0, depth=float(sum(layer.full_depth for layer in layers)))
 
 
@@ -456,8 +456,8 @@ MATRIX_DEGREE = 17
 def single_solution(layers: Sequence[Layer], *, mu0: float, albedo: float, **_: object) -> Solution:
     """Diffuse light scattered once, and the beam's light from the ground; called like the solver.
 
-    Exact for light scattered once. Light scattered more often, a quarter to three quarters of the radiance, is missing;
-    the error is stated as 1.
+    Exact for light scattered once. The rest, a quarter to three quarters of the radiance, is missing; the error is
+    stated as 1.
 
     Chandrasekhar, Radiative Transfer (1950), section 7.
     """
@@ -501,8 +501,8 @@ class TableLighting:
 
     Notes
     -----
-    Stokes parameters are read linearly, turned to a frame that does not depend on azimuth, so that the zenith (where
-    the frame of the conventions turns) is no special point.
+    Stokes parameters are interpolated linearly in a frame that does not depend on azimuth, so that the zenith, where
+    the frame of the conventions turns, needs no special treatment.
     """
 
     direct_irradiance: float
@@ -569,8 +569,8 @@ class TableLighting:
 class MixedLighting:
     """Two lights mixed linearly; a `model.atmosphere.sky.Lighting`.
 
-    Only light scattered once mixes so in a real atmosphere. The share turns the choice between two atmospheres into one
-    number, with a derivative and a standard uncertainty.
+    Only light scattered once mixes linearly in a real atmosphere. The share makes the choice between two atmospheres a
+    number with a derivative and a standard uncertainty.
     """
 
     first: Lighting
@@ -612,23 +612,23 @@ def distance_factor(*, day_of_year: float) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpectralRule:
-    """Wavelengths at which to compute the ratio of radiance to solar irradiance, and what each stands for."""
+    """Wavelengths at which to compute the ratio of radiance to solar irradiance, and their weights."""
 
     wavelength_m: FloatArray
     irradiance: FloatArray
 
 
-# Of a share of the band, so that a whole one is not rounded up.
+# Relative to the band, so that a whole number is not rounded up.
 _ROUNDING = 1e-9
 
 
 def spectral_rule(
     *, wavelength_m: FloatArray, irradiance: FloatArray, count: int, kinks_m: Iterable[float] = ()
 ) -> SpectralRule:
-    """Return few wavelengths that stand for a spectrum of many.
+    """Return a few wavelengths that represent a spectrum.
 
-    K wavelengths integrate polynomials in 1/wavelength up to degree 2K - 1. A stretch with no more samples than
-    wavelengths is taken as it is.
+    K wavelengths integrate polynomials in 1/wavelength up to degree 2K - 1. A part with no more samples than
+    wavelengths is used unchanged.
 
     Golub & Welsch, Math. Comput. 23 (1969) 221, doi:10.1090/S0025-5718-69-99647-1.
     """
@@ -722,7 +722,7 @@ def analytic_sky(
 ) -> NDArray[np.float64]:
     """Stokes radiance of a clear sky by formula, shape (..., 3), in the unit of the zenith radiance.
 
-    Vibration across the scattering plane, as for light scattered once: there are no neutral points beside the sun.
+    Vibration across the scattering plane, as for light scattered once: there are no neutral points near the sun.
 
     ISO 15469:2004 / CIE S 011, sky type 12 (radiance); Rayleigh's law (polarization).
     """
@@ -781,8 +781,8 @@ def _gauss(inverse: FloatArray, weight: FloatArray, count: int) -> tuple[FloatAr
 class _ExtrapolatedLight:
     """A `model.atmosphere.sky.DiffuseLight` from two others: Richardson's extrapolation.
 
-    What is left of the layers' error falls as the fourth power of their thickness, at their faces. Within a layer
-    it falls as the square: of where in it one reads the light the error is no smooth function.
+    At faces the remaining error falls as the fourth power of the layers' thickness. Within a layer it falls as the
+    square, because the error is not a smooth function of the depth.
 
     L. F. Richardson, Phil. Trans. R. Soc. A 210 (1911) 307, doi:10.1098/rsta.1911.0009.
     """
@@ -817,7 +817,7 @@ class _ExtrapolatedLight:
 
     @property
     def error_estimate(self) -> float:
-        """Estimated error of the radiance as a share of its mean, but for layers: that of the finer one."""
+        """Estimated error of the radiance as a share of its mean, without that of the layers: the finer one's."""
         return self.fine.error_estimate
 
     def stokes(
@@ -833,7 +833,7 @@ def _extrapolated(coarse: Number, fine: Number) -> Number:
 
 
 def _beam_only(layers: Sequence[Layer], *, mu0: float, albedo: float) -> Solution:
-    """Light scattered once, its irradiance left open."""
+    """Light scattered once, without its irradiance."""
     edges = np.cumsum([0.0, *(layer.depth for layer in layers)])
     return Solution(
         layers=tuple(layers),
@@ -856,7 +856,7 @@ def _band_lighting(
     columns: tuple[Column, ...],
     solutions: tuple[DiffuseLight, ...],
 ) -> BandLighting:
-    """Wavelengths put together; the beam, which costs nothing, at all samples of the spectrum."""
+    """Sum over wavelengths; the cheap beam at all samples of the spectrum."""
     mu0 = solutions[0].mu0
     used = band.weighted > 0.0
     depth = np.zeros(used.size)
@@ -901,21 +901,21 @@ def _turned(stokes: NDArray[np.float64], angle_rad: NDArray[np.float64]) -> NDAr
 def _interpolate(
     axes: tuple[NDArray[np.float64], ...], table: NDArray[np.float64], points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Linear interpolation that refuses to leave the table's zenith angles."""
+    """Linear interpolation within the table's zenith angles."""
     zenith, axis = points[..., 0], axes[0]
     if not np.all((zenith >= axis[0]) & (zenith <= axis[-1])):
         raise ValueError(
             f"zenith_rad runs from {np.min(zenith):.6g} to {np.max(zenith):.6g} rad, "
             f"the table holds {axis[0]:.6g} to {axis[-1]:.6g} rad"
         )
-    # The last azimuth may be short of a whole turn by rounding.
+    # The last azimuth may differ from a whole turn by rounding.
     return _between(axes, table, points).reshape((*zenith.shape, *table.shape[len(axes) :]))
 
 
 def _between(
     axes: tuple[NDArray[np.float64], ...], table: NDArray[np.float64], points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return a table linearly between its nodes, and beyond its last ones along the same lines."""
+    """Return a table interpolated linearly, and extrapolated beyond its last nodes."""
     from scipy.interpolate import RegularGridInterpolator
 
     return np.asarray(RegularGridInterpolator(axes, table, bounds_error=False, fill_value=None)(points))

@@ -40,7 +40,7 @@ __all__ = ["AerosolKind", "Layer", "ScatteringMatrix", "Solution", "solve"]
 
 @dataclass(frozen=True, kw_only=True)
 class ModeBlock:
-    """Light scattered more than once, in azimuth modes that share their number of Stokes components.
+    """Light scattered more than once, in azimuth modes of equal number of Stokes components.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class ModeBlock:
 
 
 _CHUNK = 512  # lines of sight evaluated at once, to bound the memory
-_ROUNDING = 1e-9  # by which sums of depths and cosines of a caller may overshoot
+_ROUNDING = 1e-9  # allowed rounding of depths and cosines
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,11 +65,11 @@ class Solution:
     Attributes
     ----------
     layers
-        The layers with alike neighbours joined, top to bottom.
+        The layers from the top, equal neighbours joined.
     mu0
         Cosine of the solar zenith angle.
     edges
-        Optical depths of the faces of the solver's elements, without what counts as not scattered, shape (E + 1,).
+        Optical depths of the faces of the solver's elements, without the unscattered share, shape (E + 1,).
     blocks
         The light scattered more than once.
     ground_radiance
@@ -77,13 +77,13 @@ class Solution:
     diffuse_irradiance
         Downward diffuse irradiance at the ground, per unit beam irradiance.
     orders
-        Orders of scattering that were summed.
+        Number of summed orders of scattering.
     converged
-        Whether the orders left out are below the tolerance asked for.
+        Whether the omitted orders are below the tolerance.
     error_estimate
         Estimated error of the radiance as a share of the mean radiance that leaves the atmosphere on the same side: of
-        the quadrature in angle and depth, of the expansion and of the orders left out. For views up to 89 degrees; of
-        spheres, also ten degrees and more from the sun.
+        quadrature in angle and depth, expansion and omitted orders. For views up to 89 degrees, and with spheres at
+        least ten degrees from the sun.
     """
 
     layers: tuple[Layer, ...]
@@ -131,8 +131,8 @@ class Solution:
 
         Notes
         -----
-        At the horizon (mu = 0) the limit is returned, the source at the observer. The direct beam is left out.
-        At mu = 1 the azimuth still says how the frame is turned.
+        At the horizon (mu = 0) the limit is returned, the source at the observer. The direct beam is not included. At
+        mu = 1 the azimuth still determines the frame.
 
         References
         ----------
@@ -152,17 +152,17 @@ class Solution:
         return observed.reshape(*tau.shape, 3)
 
     def _tau(self, tau: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Depths that were checked, with an overshoot from rounding taken back, as the solver counts them."""
+        """Return checked depths in the solver's scale, limited to the range."""
         allowed = (tau >= 0.0) & (tau <= self.depth * (1.0 + _ROUNDING))
         if not np.all(allowed):
             raise ValueError(f"stokes: tau_above = {tau[~allowed][0]!r}, allowed is 0 to {self.depth:.6g}")
         full, counted = self._faces
-        # Both grow in proportion within a layer; where they are the same, so is the result, to the last digit.
+        # Both are proportional within a layer; equal depths give exactly equal results.
         return np.asarray(np.minimum(tau - np.interp(tau, full, full - counted), self.edges[-1]))
 
     @cached_property
     def _faces(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Depths of the layers' faces, whole and as the solver counts them."""
+        """Depths of the layers' faces, true and in the solver's scale."""
         full = np.cumsum([0.0, *(layer.full_depth for layer in self.layers)])
         return full, np.cumsum([0.0, *(layer.depth for layer in self.layers)])
 
@@ -175,7 +175,7 @@ class Solution:
             self.layers, mu0=self.mu0, tau_above=tau, mu=mu, phi_rad=propagation_rad, upward=upward
         )
         if self.blocks:
-            # Lines of sight that differ in azimuth alone, as on a grid of the sky, share the modes.
+            # Lines of sight that differ only in azimuth, as on a grid of the sky, share the modes.
             lines, line_of = np.unique(tau + 1j * mu, return_inverse=True)
             weights = self._path_weights(lines.real, lines.imag, upward=upward)
             for block in self.blocks:
@@ -218,15 +218,15 @@ def solve(
     albedo
         Albedo of the Lambertian ground, 0 to 1.
     aerosol
-        What scattering by the aerosol does to polarization; spheres ask for a matrix in every layer that has aerosol.
+        Effect of aerosol scattering on polarization; spheres need a matrix in every layer with aerosol.
     nodes
-        Quadrature directions of each hemisphere, 4 or more; an asymmetry above 0.8 asks for more than 16.
+        Quadrature directions of each hemisphere, 4 or more; an asymmetry above 0.8 needs more than 16.
     element_depth
         Largest optical depth in which the source is taken as a parabola, above 0.
     tolerance
-        Estimated share, in the mean radiance of any level, of the orders left out, above 0.
+        Estimated share of the omitted orders in the mean radiance of any level, above 0.
     max_orders
-        Where to stop in any case; the solution then says `converged = False`.
+        Limit of orders; a solution that stops there has `converged = False`.
 
     Raises
     ------
@@ -235,11 +235,11 @@ def solve(
 
     Notes
     -----
-    Light scattered once is exact. Error against published tables for molecules: 2e-5 of the radiance from the zenith
-    to 89 degrees, optical depth 0.005 to 2; Henyey-Greenstein g = 0.65: 2e-5, g = 0.76: 2e-4. The forward
-    peak of a scattering matrix that the directions cannot resolve counts as not scattered, except in light scattered
-    once (delta-M with TMS, see `model.atmosphere.layers`). The number of orders
-    grows with the depth (70 at 2, conservative), so does the time. Refraction and curvature are left out.
+    Light scattered once is exact. Error against published tables for molecules: 2e-5 of the radiance from the zenith to
+    89 degrees, optical depth 0.005 to 2; Henyey-Greenstein g = 0.65: 2e-5, g = 0.76: 2e-4. The unresolved forward peak
+    of a scattering matrix counts as unscattered, except in light scattered once (delta-M with TMS, see
+    `model.atmosphere.layers`). The number of orders and the time grow with the depth (70 orders at 2, conservative).
+    Refraction and curvature are left out.
 
     References
     ----------
@@ -277,7 +277,7 @@ def solve(
             ModeBlock(modes=block.modes, expansion=_element_expansion(coefficients, block.moments)) for block in blocks
         ),
         ground_radiance=albedo / pi * (_direct_irradiance(grid) + irradiance),
-        # The forward peak, which counted as the beam, is diffuse light.
+        # The forward peak, treated as beam, is diffuse light.
         diffuse_irradiance=irradiance + _direct_irradiance(grid) - mu0 * exp(-_full_depth(merged) / mu0),
         orders=max(block.orders for block in blocks),
         converged=all(block.tail <= tolerance for block in blocks),
@@ -289,16 +289,16 @@ def solve(
 def gauss_nodes(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Nodes and weights for integrals over the cosine in (0, 1): Gauss-Legendre in its square root.
 
-    The square root crowds the nodes at the horizon, where the radiance of thin layers bends within a cosine of the
+    The square root concentrates nodes at the horizon, where the radiance of thin layers varies within a cosine of the
     order of their optical depth. Polynomials of the cosine are exact up to degree count - 1.
     """
     root, weight = gauss_legendre(count)
     return root**2, 2.0 * weight * root
 
 
-_HALVINGS = 4  # of the outermost elements, which the source's t log t asks for
+_HALVINGS = 4  # of the outermost elements, for the source's t log t
 _SMALLEST_MU0 = cos(radians(85.0)) - 1e-12  # rounding of a caller's 85 degrees
-_LARGEST_RATIO = 0.99  # of successive orders, where an error is taken to grow a hundredfold
+_LARGEST_RATIO = 0.99  # of successive orders, for which errors are assumed to grow a hundredfold
 
 
 def check_scene(*, mu0: float, albedo: float) -> None:
@@ -316,7 +316,7 @@ def check_scene(*, mu0: float, albedo: float) -> None:
 
 
 def _cosine(mu: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Cosines that were checked, with an overshoot from rounding taken back."""
+    """Return checked cosines, limited to the range."""
     allowed = (mu >= 0.0) & (mu <= 1.0 + _ROUNDING)
     if not np.all(allowed):
         raise ValueError(f"stokes: mu = {mu[~allowed][0]!r}, allowed is 0 (horizon) to 1 (vertical)")
@@ -343,7 +343,7 @@ def single_scattering(
     direction = mu if upward else -mu
     depths = np.array([layer.depth for layer in layers])
     faces = np.cumsum([0.0, *depths])
-    # An observer that rounding puts below the last layer would see nothing of it along the horizon.
+    # Rounding must not put an observer below the last layer, which would be invisible along the horizon.
     observer = np.minimum(tau_above, faces[-1])
     reach = _radiance_per_source(faces, mu0=mu0, tau_above=observer, mu=mu, upward=upward)
     rayleigh = np.array([layer.tau_rayleigh / layer.depth for layer in layers])
@@ -377,10 +377,10 @@ def _radiance_per_source(
 
 
 def beam_share(*, depth: NDArray[np.float64], mu: NDArray[np.float64], mu0: float, upward: bool) -> NDArray[np.float64]:
-    """Radiance that a homogeneous depth lit by the beam adds, per unit of scattered source at its top.
+    """Radiance of a homogeneous depth lit by the beam, per unit of scattered source at its top.
 
-    For downward light (exp(-depth/mu0) - exp(-depth/mu)) / (1 - mu/mu0), written so that mu = mu0 and mu = 0 are no
-    special points: only an exact 0/0 is replaced by its limit, and digits do not cancel beside it.
+    For downward light (exp(-depth/mu0) - exp(-depth/mu)) / (1 - mu/mu0), in a form that is regular at mu = mu0 and mu =
+    0: only an exact 0/0 is replaced by its limit, and digits do not cancel near it.
 
     Chandrasekhar, Radiative Transfer (1950), section 7 (formal solution for a source exp(-t/mu0)).
     """
@@ -450,16 +450,16 @@ def _check_settings(*, nodes: int, element_depth: float, tolerance: float, max_o
 
 
 _RAYLEIGH_DEGREE = 2
-_NEGLIGIBLE = 1e-7  # share of light scattered twice in a degree that is left out, if the directions carry as many
+_NEGLIGIBLE = 1e-7  # share of light scattered twice in an omitted degree, if the directions resolve as many
 _BEYOND_AUREOLE_MU = np.cos(np.radians(np.linspace(10.0, 180.0, 86)))
 
 
 def _degree_max(layers: Sequence[Layer], *, nodes: int) -> int:
     """Largest degree of the expansion: 2 for molecules; for aerosol until it is negligible, or 2 * nodes - 1.
 
-    Light scattered once needs no expansion, so what counts is the square of a coefficient. A scattering matrix that
-    gives up its forward peak is best cut at 3/2 of the nodes: products of higher degree are not integrated well enough
-    (rural aerosol, 12 nodes, error of the sky beyond 20 degrees from the sun: 1.6e-4 there, 6e-4 at 2, 4.6e-4 at 1).
+    Light scattered once needs no expansion, so the square of a coefficient matters. A matrix without its forward peak
+    is best truncated at 3/2 of the nodes: products of higher degree are not integrated accurately (rural aerosol, 12
+    nodes, error of the sky beyond 20 degrees from the sun: 1.6e-4 there, 6e-4 at 2, 4.6e-4 at 1).
     """
     matrices = [layer.matrix for layer in layers if layer.matrix is not None]
     if matrices:
@@ -475,8 +475,8 @@ def _truncation_error(layers: Sequence[Layer], *, degree: int, mu0: float) -> fl
     """Error, as a share of the mean radiance, from the degrees above the given one in light scattered twice.
 
     Henyey-Greenstein: the first term left out, (2l + 1) g^(2l) times the albedo of the aerosol, over 1 - g^2 for those
-    that follow. A matrix: the largest error, beyond ten degrees from the sun, that delta-M with exact single scattering
-    leaves, times half the slant depth of scattering by the aerosol, which is the share of light scattered twice.
+    that follow. A matrix: the largest error of delta-M with exact single scattering, beyond ten degrees from the sun,
+    times half the slant depth of scattering by the aerosol, the share of light scattered twice.
 
     Nakajima & Tanaka, J. Quant. Spectrosc. Radiat. Transfer 40 (1988) 51, doi:10.1016/0022-4073(88)90031-3.
     """
@@ -506,8 +506,8 @@ def _neglected(layer: Layer, degree: int) -> float:
 def _aureole_error(matrix: ScatteringMatrix, degree: int, peak: float) -> float:
     """Largest error of the phase function of light scattered twice, ten degrees and more from the sun.
 
-    Twice scattered has the squares of the coefficients (over 2l + 1); delta-M keeps them up to the degree, and TMS
-    gives twice the peak times the coefficient beyond.
+    Light scattered twice has the squares of the coefficients (over 2l + 1); delta-M keeps them up to the degree, and
+    beyond TMS gives twice the peak times the coefficient.
     """
     degrees = np.arange(matrix.coefficients.shape[0])
     share = matrix.coefficients[:, 0] / (2 * degrees + 1)
@@ -570,7 +570,7 @@ _PARTS = np.array([0.5, 1.0])  # of an element: its middle and its far face
 
 @dataclass(frozen=True, kw_only=True)
 class _SolvedBlock:
-    """Azimuth modes that are solved together, and the sum of their orders."""
+    """Azimuth modes solved together, and the sum of their orders."""
 
     modes: range
     polarized: bool
@@ -634,9 +634,9 @@ def _solve_block(
 ) -> _SolvedBlock:
     """Sum the orders of a block until the estimated tail is below the tolerance or the orders run out.
 
-    Orders are measured by the mean radiance at each level, which the block of mode 0 has; None there.
-    The tail is taken as geometric, with the ratio of the last two orders. Where that ratio reaches 1 (it grows toward
-    its limit from below in a conservative atmosphere), the tail counts as infinite.
+    The size of an order is relative to the mean radiance at each level from the block of mode 0; None for that block.
+    The tail is geometric with the ratio of the last two orders, and infinite if this ratio reaches 1 (it increases
+    toward its limit in a conservative atmosphere).
     """
     scattering = _scattering_of(grid, coefficients, modes=modes, polarized=polarized)
     total, irradiance, size, ratio, tail, count = np.zeros(1), 0.0, 0.0, 0.0, inf, 0
@@ -661,7 +661,7 @@ def _solve_block(
 def _orders(
     grid: Grid, scattering: Scattering, albedo: float, *, has_mean: bool
 ) -> Iterator[tuple[NDArray[np.float64], float]]:
-    """Expansion and ground irradiance of each order, without end; the first holds light off the ground once."""
+    """Expansion and ground irradiance of each order; the first includes light reflected once by the ground."""
     flux = _direct_irradiance(grid) if has_mean else 0.0
     radiance = _carry_beam(grid, _beam_source(scattering, grid), _ground_light(grid, scattering, albedo * flux))
     while True:
@@ -678,7 +678,7 @@ def _direct_irradiance(grid: Grid) -> float:
 
 
 def _carry_beam(grid: Grid, strength: NDArray[np.float64], ground: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Radiance at all levels of light scattered once, and of the beam's light from the ground."""
+    """Radiance at all levels of light scattered once, and of beam light reflected by the ground."""
     added = grid.beam_weight[:, :, np.newaxis, :, :, np.newaxis] * strength
     steps = np.stack([added[:, :, :, 0], added[:, ::-1, :, 1]], axis=3)
     return _accumulate(grid, steps.reshape(*steps.shape[:-2], ground[0].size), ground)
@@ -687,7 +687,7 @@ def _carry_beam(grid: Grid, strength: NDArray[np.float64], ground: NDArray[np.fl
 def _accumulate(grid: Grid, steps: NDArray[np.float64], ground: NDArray[np.float64]) -> NDArray[np.float64]:
     """Radiance at all levels from what each element adds at its middle and far face, shape (2, E, M, 2, N S).
 
-    The two ways run through the elements in opposite order: they are in that of the light, and stepped at once.
+    Both directions are in the order in which their light passes the elements, and computed together.
     """
     count, modes = steps.shape[1:3]
     by_way = np.stack([grid.decay, grid.decay[:, ::-1]], axis=2)
@@ -732,7 +732,7 @@ def _apply_coefficients(coefficients: NDArray[np.float64], expansion: NDArray[np
     """
     if expansion.shape[-1] == 1:
         return coefficients[..., :1] * expansion
-    # In one piece numpy's inner loop runs over degrees and components, not over the three components alone.
+    # Contiguous, so that numpy's inner loop runs over degrees and components, not only over three components.
     product = np.ascontiguousarray(coefficients[..., :3]) * expansion
     product[..., 0] += coefficients[..., 3] * expansion[..., 1]
     product[..., 1] += coefficients[..., 3] * expansion[..., 0]
@@ -781,12 +781,12 @@ def _element_expansion(coefficients: NDArray[np.float64], moments: NDArray[np.fl
 
 
 def _carry(grid: Grid, source: NDArray[np.float64], ground: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Radiance at all levels that a source in the elements and light from the ground make."""
+    """Radiance at all levels from a source in the elements and light from the ground."""
     elements, _, modes, _, nodes, stokes_count = source.shape
     flat = source.reshape(elements, 3, modes, 2, nodes * stokes_count)
     weight = _for_each_component(grid.source_weight, stokes_count)[..., np.newaxis, :]
     steps = np.empty((2, elements, modes, 2, nodes * stokes_count))
-    # Each way by the order in which its light meets the elements, and within one their points.
+    # Each direction in the order in which its light passes elements and points.
     for way, met in ((0, flat[..., 0, :]), (1, flat[::-1, ::-1, :, 1])):
         along = weight if way == 0 else weight[:, :, ::-1]
         np.multiply(along[0], met[:, 0], out=steps[..., way, :])
@@ -810,10 +810,10 @@ def _progress(
 
 
 def _mode_blocks(degree: int, aerosol: AerosolKind) -> list[tuple[range, bool]]:
-    """Azimuth modes that are solved together, and whether they carry polarization.
+    """Azimuth modes solved together, and whether they are polarized.
 
-    Molecules scatter in modes 0 to 2 alone: the higher ones of a depolarizing aerosol are those of the intensity. For
-    either kind they stand apart because their orders die out sooner.
+    Molecules scatter in modes 0 to 2 only: higher ones of a depolarizing aerosol have no polarization. Both kinds are
+    solved separately because their orders decrease faster.
     """
     blocks = [(range(_RAYLEIGH_DEGREE + 1), True)]
     if degree > _RAYLEIGH_DEGREE:
@@ -829,7 +829,7 @@ def _full_depth(layers: Sequence[Layer]) -> float:
 def _estimate_error(
     grid: Grid, coefficients: NDArray[np.float64], blocks: Sequence[_SolvedBlock], albedo: float
 ) -> float:
-    """Estimated error of quadrature and of the orders left out, as a share of the mean radiance that leaves.
+    """Estimated error of quadrature and omitted orders, as a share of the mean radiance that leaves.
 
     The larger share of the light that leaves at the top and at the ground; the errors of the blocks are added.
     """
@@ -851,7 +851,7 @@ def _refined(grid: Grid) -> Grid:
     return Grid(edges=edges, nodes=nodes, weights=weights, mu0=grid.mu0)
 
 
-_LOWEST_MU = 0.0175  # cosine of 89 degrees: lower lines of sight see the source at one level only
+_LOWEST_MU = 0.0175  # cosine of 89 degrees: lower lines of sight contain the source of one level only
 
 
 def _residual(
@@ -859,9 +859,8 @@ def _residual(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the change, by one more order on a finer grid, of the radiance that leaves, and its mean, shape (2,) each.
 
-    Light leaves upward at the top and downward at the ground.
-    The finer grid's integral of the coarse solution would give the coarse solution back if that were exact. The error
-    itself is larger than this by 1/(1 - ratio of successive orders) at most.
+    Light leaves upward at the top and downward at the ground. The integral of an exact solution on the finer grid would
+    reproduce it. The error is larger than this change by at most 1/(1 - ratio of successive orders).
 
     definition (residual of an integral equation of the second kind)
     """

@@ -1,8 +1,8 @@
 """Agreement of prediction and measurement: scores, propagation and update of inputs, trends.
 
-Uncertain inputs reach a prediction by slopes, or by quadrature where its response is curved (`propagate`). What is
-measured updates them (`update_inputs`), which also says how well the data tell one input from another. Many scores
-are judged together by Holm's rule; trends are tested by a weighted line and by the correlation of ranks.
+`propagate` takes uncertain inputs to a prediction by slopes, or by quadrature for curved responses. `update_inputs`
+updates them by a measurement, and states how well the data separate the inputs. Many scores are judged together by
+Holm's rule; trends are tested by a weighted line and by the correlation of ranks.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 
 def two_sided_p_value(z: ArrayLike) -> FloatArray:
-    """Return the chance that a standard normal number is at least as far from 0 as `z`.
+    """Return the probability that a standard normal number is at least as far from 0 as `z`.
 
     Parameters
     ----------
@@ -29,14 +29,14 @@ def two_sided_p_value(z: ArrayLike) -> FloatArray:
 
 
 def holm_rejections(p_values: ArrayLike, *, alpha: float) -> NDArray[np.bool_]:
-    """Return which hypotheses are rejected so that any false rejection at all has a chance of at most `alpha`.
+    """Return the rejected hypotheses; the probability of any false rejection is at most `alpha`.
 
     Parameters
     ----------
     p_values
-        Shape (n,), each in [0, 1]; they may depend on each other in any way.
+        Shape (n,), each in [0, 1], with any dependence.
     alpha
-        Chance of one or more false rejections, in (0, 1).
+        Probability of at least one false rejection, in (0, 1).
 
     Returns
     -------
@@ -55,9 +55,9 @@ def holm_rejections(p_values: ArrayLike, *, alpha: float) -> NDArray[np.bool_]:
     """
     p = np.asarray(p_values, dtype=np.float64)
     if not 0.0 < alpha < 1.0:
-        raise ValueError(f"alpha is {alpha}; it has to lie between 0 and 1")
+        raise ValueError(f"alpha is {alpha}; allowed is between 0 and 1")
     if p.ndim != 1 or not np.all((p >= 0.0) & (p <= 1.0)):
-        raise ValueError("p_values has to be one row of numbers from 0 to 1")
+        raise ValueError("p_values must be one row of numbers from 0 to 1")
     order = np.argsort(p, kind="stable")
     passed = p[order] > alpha / np.arange(p.size, 0, -1)
     first_kept = int(np.argmax(passed)) if passed.any() else p.size
@@ -69,24 +69,23 @@ def holm_rejections(p_values: ArrayLike, *, alpha: float) -> NDArray[np.bool_]:
 def input_jacobian(
     function: Callable[[FloatArray], FloatArray], values: ArrayLike, deviations: ArrayLike, *, least: Sequence[float]
 ) -> FloatArray:
-    """Return the derivatives of a function's results by its inputs, each taken over one standard uncertainty.
+    """Return the derivatives of a function's results with respect to its inputs, over one standard uncertainty.
 
     Parameters
     ----------
     function
         Takes inputs, shape (k,), and returns results, shape (m,).
     values
-        Where the inputs stand, shape (k,).
+        Values of the inputs, shape (k,).
     deviations
         Standard uncertainty of each input, shape (k,); an input with 0 has the derivative 0.
     least
-        Smallest value each input may take, for instance 0; -inf where there is none.
+        Smallest value of each input, for instance 0; -inf without a limit.
 
     Returns
     -------
     array of float64, shape (m, k)
-        By central differences over one standard uncertainty to either side (less where `least` is near; to one side
-        where an input stands on it).
+        Central differences over one standard uncertainty to either side; less near `least`, one-sided at it.
 
     References
     ----------
@@ -109,7 +108,7 @@ Results = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Propagation:
-    """Covariance of results by uncertain inputs.
+    """Covariance of results due to uncertain inputs.
 
     Attributes
     ----------
@@ -118,9 +117,9 @@ class Propagation:
     cov
         Covariance of the results about the results at the inputs' values, shape (m, m).
     curved
-        Inputs, by position, whose response was found curved and taken by quadrature.
+        Indices of inputs with a curved response, propagated by quadrature.
     limited
-        Inputs whose response is curved, or not testable, but stands so near to a limit that slopes had to do.
+        Inputs with a curved or untestable response too near to a limit, propagated by slopes.
     """
 
     effects: FloatArray
@@ -139,24 +138,24 @@ def propagate(
     fitted: Collection[int] = (),
     curvature_tolerance: float = 0.1,
 ) -> Propagation:
-    """Return the effect of each uncertain input on a function's results, and the covariance that all of them make.
+    """Return the effect of each uncertain input on a function's results, and their joint covariance.
 
     Parameters
     ----------
     function
-        Takes inputs, shape (k,), and returns results, shape (m,); raises ValueError where inputs do not go together.
+        Takes inputs, shape (k,), and returns results, shape (m,); raises ValueError for impossible combinations.
     values
-        Where the inputs stand, shape (k,); there the results exist.
+        Values of the inputs, shape (k,), at which the results exist.
     cov
         Covariance of the inputs, shape (k, k); an input with variance 0 is exact.
     least, most
-        Smallest and largest value that each input may take, shape (k,); infinite where there is none.
+        Smallest and largest value of each input, shape (k,); infinite without a limit.
     fitted
-        Inputs, by position, that were fitted to make up for others. What they make up for cancels at any distance, as
-        their covariance, which is of first order, does not say: bends are seen of each of them alone.
+        Indices of inputs that were fitted to compensate others. The compensation is exact at any distance, unlike their
+        first-order covariance, so curvature is tested for each alone.
     curvature_tolerance
-        Share of a result's first-order standard uncertainty that the bend of one input's response may have, >= 0.
-        With 0.1, what is neglected changes a standard uncertainty by at most 1 %.
+        Largest neglected curvature of one input's response, as a share of the result's first-order standard
+        uncertainty, >= 0. With 0.1, a standard uncertainty changes by at most 1 %.
 
     Raises
     ------
@@ -165,12 +164,11 @@ def propagate(
 
     Notes
     -----
-    Slopes are central differences over one standard uncertainty. A curved input adds, to J cov J', the second moment of
-    its own response by Gauss-Hermite quadrature less what its slope says of it: the bend's shift of the mean is in the
-    covariance, since the results stay where they are. Inputs that are correlated with one another are moved together,
-    along the principal axes of their covariance, once one of them is curved; how two axes bend together is not seen,
-    nor how two independent inputs do. Where the results do not exist on one side of an input, the slope to the
-    other side has to do, as beside a limit.
+    Slopes are central differences over one standard uncertainty. A curved input adds to J cov J' the second moment of
+    its response, by Gauss-Hermite quadrature, less the linear part: the covariance includes the shift of the mean,
+    since the results are not shifted. If an input is curved, inputs correlated with it are moved together along the
+    principal axes of their covariance; joint curvature of two axes, or of two independent inputs, is neglected. If the
+    results exist on only one side of an input, the one-sided slope is used, as at a limit.
 
     References
     ----------
@@ -191,26 +189,26 @@ def propagate(
     )
 
 
-# Chance, at most, that some other input outranks the one that is to blame.
+# Largest probability that another input outranks the true cause.
 _CONFUSION = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InputUpdate:
-    """Update of k inputs, of each alone and of all together, by n residuals.
+    """Update of k inputs, each alone and all together, by n residuals.
 
     Attributes
     ----------
     chi_square, degrees_of_freedom
         Residuals in the covariance of measurement and inputs together; their rank.
     score
-        By input: how much better the residuals fit when that input is freed, as the root of the fall in chi-square with
-        the sign of the move, shape (k,). Standard normal where model, measurement and uncertainties are right.
+        By input: square root of the decrease in chi-square if that input is free, with the sign of the move, shape
+        (k,). Standard normal if model, measurement and uncertainties are right.
     move
-        By input: how far it would have to move, in its own standard uncertainties, to remove what it can of the
-        residuals, shape (k,); 0 where the data do not see it.
+        By input: move, in its own standard uncertainties, that minimises the residuals, shape (k,); 0 if the data do
+        not depend on it.
     chi_square_left
-        By input: what is left of chi-square after that move, shape (k,).
+        By input: chi-square after that move, shape (k,).
     seen
         By input: share of its stated variance that the data resolve, shape (k,), 0 (nothing) to 1.
     alike
@@ -234,14 +232,14 @@ class InputUpdate:
 
     @property
     def p_value(self) -> float:
-        """Chance of residuals at least this large if everything stated is right."""
+        """Probability of residuals at least this large if all statements are right."""
         return chi_square_tail(self.chi_square, self.degrees_of_freedom)
 
     def confused_with(self, position: int) -> tuple[int, ...]:
-        """Return the inputs that the data cannot tell from one that is off by five standard uncertainties.
+        """Return the inputs that the data cannot distinguish from one that is off by five standard uncertainties.
 
-        They are the fewest whose absence brings the chance that any other outranks it to 5 % or below, by the sum of
-        the pairwise chances.
+        They are the smallest group without which the probability that another input outranks it is at most 5 %, by the
+        sum of the pairwise probabilities.
         """
         others = np.array([k for k in range(self.score.size) if k != position], dtype=np.int64)
         chances = confusion(self.seen[position], self.alike[position, others])
@@ -257,7 +255,7 @@ _RANK = 1e-12
 def update_inputs(
     residual: ArrayLike, *, measurement_cov: ArrayLike, effects: ArrayLike, input_correlation: ArrayLike
 ) -> InputUpdate:
-    """Return how far each input would have to move to explain residuals, and an update of all of them.
+    """Return the move of each input that would explain residuals, and a joint update of all.
 
     Parameters
     ----------
@@ -273,7 +271,7 @@ def update_inputs(
     Returns
     -------
     InputUpdate
-        Inputs in the order of their scores; of those that act alike, the one that has to move least is first.
+        Inputs in the order of their scores; among similar ones the one with the smallest move is first.
 
     Raises
     ------
@@ -283,10 +281,10 @@ def update_inputs(
     Notes
     -----
     With u the inputs in standard uncertainties from their values, correlation R and effects A, residuals have the
-    covariance V = C + A R A'. A single input moves along a = A R e_j: those that are correlated with it follow. Its
-    score a'V^-1 r / (a'V^-1 a)^1/2 and move a'V^-1 r / (a'V^-1 a) are the generalised least squares of the residuals on
-    a. The joint update is the Bayesian linear one: mean R A'V^-1 r, covariance R - R A'V^-1 A R; it is a fit, pulled to
-    what was stated.
+    covariance V = C + A R A'. A single input moves along a = A R e_j, and correlated inputs follow. Its score a'V^-1 r
+    / (a'V^-1 a)^1/2 and move a'V^-1 r / (a'V^-1 a) are the generalised least squares of the residuals on a. The joint
+    update is the Bayesian linear one: mean R A'V^-1 r, covariance R - R A'V^-1 A R; a fit, pulled towards the stated
+    values.
 
     References
     ----------
@@ -322,12 +320,12 @@ def update_inputs(
 
 
 def chi_square_tail(chi_square: float, degrees_of_freedom: int) -> float:
-    """Return the chance that chi-square is at least as large; 1 without a degree of freedom.
+    """Return the probability that chi-square is at least as large; 1 without degrees of freedom.
 
     Parameters
     ----------
     chi_square
-        Sum of squares, >= 0 but for rounding.
+        Sum of squares, >= 0 to rounding.
     degrees_of_freedom
         >= 0.
     """
@@ -368,7 +366,7 @@ class DriftLine:
     slope, std_error
         Per unit of the abscissa.
     chi_square, degrees_of_freedom
-        Of what the line leaves.
+        Of the residuals.
     """
 
     slope: float
@@ -396,7 +394,7 @@ def drift_line(at: ArrayLike, values: ArrayLike, std_errors: ArrayLike) -> Drift
     """
     x, y, s = (np.asarray(row, dtype=np.float64) for row in (at, values, std_errors))
     if x.size < 3 or np.ptp(x) == 0.0 or not np.all(s > 0.0):
-        raise ValueError("a drift needs three numbers or more at different places, each with an error above 0")
+        raise ValueError("a drift needs at least three numbers at different places, each with an error above 0")
     off = x - np.average(x, weights=s**-2.0)
     line, cov = np.polyfit(off, y, 1, w=1.0 / s, cov="unscaled")
     return DriftLine(
@@ -409,20 +407,20 @@ def drift_line(at: ArrayLike, values: ArrayLike, std_errors: ArrayLike) -> Drift
 
 @dataclass(frozen=True, kw_only=True)
 class RankCorrelation:
-    """Kendall's tau of a prediction and a measurement over the pairs whose order is known.
+    """Kendall's tau of a prediction and a measurement over the pairs of known order.
 
     Attributes
     ----------
     numbers
-        How many numbers were ordered.
+        Count of numbers.
     pairs, known_pairs
         Pairs of them, and those that differ by more than their error on both sides.
     concordant
         Known pairs that are in the same order on both sides.
     tau
-        Of all pairs, errors aside: (concordant - discordant) / pairs; a pair that is equal on a side is neither.
+        Of all pairs regardless of errors: (concordant - discordant) / pairs; a pair with equal numbers is neither.
     p_value
-        Chance of so large a tau, one-sided, if both orders had nothing to do with each other.
+        One-sided probability of such a tau for independent orders.
     """
 
     numbers: int
@@ -434,23 +432,23 @@ class RankCorrelation:
 
     @property
     def share_concordant(self) -> float | None:
-        """Share of the known pairs that are in the same order; None where none is known."""
+        """Share of the known pairs in the same order; None without known pairs."""
         return None if self.known_pairs == 0 else self.concordant / self.known_pairs
 
 
 def rank_correlation(
     predicted: ArrayLike, measured: ArrayLike, *, predicted_cov: ArrayLike, measured_cov: ArrayLike, sigmas: float = 2.0
 ) -> RankCorrelation:
-    """Return how well a prediction has the order of what was measured.
+    """Return the agreement in order between a prediction and a measurement.
 
     Parameters
     ----------
     predicted, measured
         Shape (n,), n >= 2.
     predicted_cov, measured_cov
-        Covariances, shape (n, n): what is common to two numbers does not blur their order.
+        Covariances, shape (n, n): common errors do not affect the order.
     sigmas
-        A pair is known on a side where it differs by more than so many standard errors of its difference, >= 0.
+        A pair is known if it differs by more than this many standard errors, >= 0.
 
     Raises
     ------
@@ -459,8 +457,8 @@ def rank_correlation(
 
     Notes
     -----
-    With up to seven numbers the p value counts all orders, without ties 1/n! at the least: three numbers in order have
-    the chance 1/6, so "the trend" of three is weak evidence however small their errors are. Beyond, it is that of
+    With up to seven numbers the p value counts all orders, at least 1/n! without ties: three numbers have the right
+    order with probability 1/6, so their trend is weak evidence even with small errors. Beyond, it is that of
     `scipy.stats.kendalltau`: exact without ties, normal with them.
 
     References
@@ -494,7 +492,7 @@ def _slope(
     step: float,
     least: float,
 ) -> FloatArray:
-    """Return the derivative of `function` by one input."""
+    """Return the derivative of `function` with respect to one input."""
     below = min(step, start[position] - least)
     above = below if below > 0.0 else step
     high, low = start.copy(), start.copy()
@@ -503,7 +501,7 @@ def _slope(
     return np.asarray((function(high) - function(low)) / (above + below))
 
 
-# Gauss-Hermite rules for a normal input, in its standard uncertainties; the widest that the limits allow is taken.
+# Gauss-Hermite rules for a normal input, in its standard uncertainties; the widest within the limits is used.
 _RULES = (5, 3)
 
 
@@ -531,13 +529,13 @@ class _Response:
         return self.slopes * self._std
 
     def bends_more_than(self, k: int, allowed: FloatArray) -> bool:
-        """Return whether the second-order part of an input's response is above what is allowed, for any result."""
-        # Rounding of results that do not depend on the input at all is no bend.
+        """Return whether the second-order part of an input's response exceeds the limit for any result."""
+        # Ignore rounding of results that do not depend on the input.
         rounding = 1e-9 * np.abs(self._centre)
         return k in self._bends and bool(np.any(np.abs(self._bends[k]) > allowed + rounding))
 
     def groups(self, alone: Collection[int]) -> list[list[int]]:
-        """Return the uncertain inputs, those that are correlated with one another together, but for some."""
+        """Return the uncertain inputs except some, in groups of correlated ones."""
         tied = self.cov != 0.0
         tied[list(alone), :] = tied[:, list(alone)] = False
         found: list[list[int]] = []
@@ -548,14 +546,14 @@ class _Response:
         return found
 
     def extras(self, group: list[int], bent: set[int]) -> list[tuple[set[int], FloatArray]]:
-        """Return what the bent inputs of a group add, together where there is room for that, else each alone."""
+        """Return the contribution of a group's curved inputs, together if the limits allow it, else each alone."""
         tries = [(bent, self._extra_by_quadrature(group))] if bent else []
         if len(group) > 1 and tries and tries[0][1] is None:
             tries = [({k}, self._extra_by_quadrature([k])) for k in sorted(bent)]
         return [(inputs, extra) for inputs, extra in tries if extra is not None]
 
     def _extra_by_quadrature(self, group: list[int]) -> FloatArray | None:
-        """Return the second moment of what correlated inputs do less its linear part; None where limits are too near.
+        """Return the second moment of a response to correlated inputs less its linear part; None near limits.
 
         Along principal axes of their covariance the inputs are independent of one another.
         """
@@ -571,7 +569,7 @@ class _Response:
         return total
 
     def _extra_along(self, move: FloatArray) -> FloatArray | None:
-        """Return the second moment of the response along one axis less its linear part, by the widest rule there is."""
+        """Return the second moment of the response along one axis less its linear part, by the widest possible rule."""
         for count in _RULES:
             nodes, weights = np.polynomial.hermite_e.hermegauss(count)
             reach = np.abs(move) * nodes.max()
@@ -613,12 +611,12 @@ class _Response:
             return None
 
 
-# An error of an input that a comparison has to find the source of, in standard uncertainties of that input.
+# Error of an input whose source a comparison should find, in its standard uncertainties.
 MOVED = 5.0
 
 
 def confusion(seen: float, alike: ArrayLike) -> FloatArray:
-    """Return the chance that another input outranks one that is off by five of its standard uncertainties.
+    """Return the probability that another input outranks one that is off by five of its standard uncertainties.
 
     Scores g = 5 seen^1/2 + e and h = 5 alike seen^1/2 + f with standard normal e, f of correlation `alike`: h > g and
     -h > g are two half-planes.
@@ -639,7 +637,7 @@ def _require_shapes(residual: FloatArray, noise: FloatArray, effects: FloatArray
 
 
 def _pseudo_inverse(cov: FloatArray) -> tuple[FloatArray, int]:
-    """Return the inverse in the space that a covariance fills, and its rank; scaled, since units differ."""
+    """Return the pseudo-inverse of a covariance and its rank; scaled, since units differ."""
     scale = np.sqrt(np.diag(cov))
     if not np.any(scale > 0.0):
         raise ValueError("neither the measurement nor any input has an uncertainty; at least one result needs one")
@@ -650,7 +648,7 @@ def _pseudo_inverse(cov: FloatArray) -> tuple[FloatArray, int]:
     return inverse / np.outer(scale, scale), int(kept.sum())
 
 
-# Scores that go together like this differ by less than a twentieth of their standard deviation.
+# Scores of this correlation differ by less than a twentieth of their standard deviation.
 _ALIKE = 0.999
 
 
@@ -670,7 +668,7 @@ def _step_errors(cov: FloatArray, first: NDArray[np.intp], second: NDArray[np.in
     return np.sqrt(np.maximum(variances[first] + variances[second] - 2.0 * cov[first, second], 0.0))
 
 
-# All orders of so many numbers are counted, ties or not.
+# All orders of up to this many numbers are counted.
 _COUNTED = 7
 
 

@@ -1,4 +1,4 @@
-"""The pass of `maps` over counts, compiled by numba: one thread, an arctangent of its own."""
+"""The pass of `maps` over counts, compiled by numba: one thread, with its own arctangent."""
 
 from collections.abc import Callable
 
@@ -47,7 +47,7 @@ def _half_argument_of(x: np.float32, y: np.float32) -> np.float32:
     return half if half < _BELOW_PI else _BELOW_PI
 
 
-# Numba tells no types: its functions are bound to names that have them.
+# Numba has no types: its functions get typed names.
 _half_argument: Callable[[np.float32, np.float32], np.float32] = numba.njit(
     inline="always", fastmath=_FASTMATH, error_model="numpy"
 )(_half_argument_of)
@@ -65,8 +65,8 @@ def _add_group_of(
 ) -> None:
     """Add four frames to the Stokes parameters of a block; the last four give the other planes as well.
 
-    Four at once, since each look at an array is checked against every array that is written: with more of them the
-    compiler takes one pixel at a time.
+    Four at once, because the compiler checks every read array against every written one, and with more of them does not
+    vectorise.
     """
     first, second, third, fourth = frames
     s0, s1, s2, dolp, aolp_rad = planes
@@ -111,7 +111,7 @@ def _fill_maps(
             planes[4, start:stop],
         )
         for k in range(0, final + 1, GROUP):
-            # Where frames are wanting the last one comes again, with no weight.
+            # Missing frames are replaced by the last one with zero weight.
             frames = (
                 counts[k, start:stop],
                 counts[min(k + 1, final), start:stop],

@@ -30,7 +30,7 @@ def rx_p_detection(
     *,
     tolerance: float = _TOLERANCE,
 ) -> FloatArray:
-    """Return the probability that the RX statistic of a target exceeds the threshold of a false alarm probability.
+    """Return the probability that the RX statistic of a target exceeds the threshold for a false alarm probability.
 
     Parameters
     ----------
@@ -39,17 +39,17 @@ def rx_p_detection(
     target_mean, background_mean
         Stokes vectors or intensities of N channels, shape (..., n), all of one unit.
     target_cov
-        Covariance of the target, noise included, shape (..., n, n); may be singular. Zero is a target without
-        spread: the result is then 0 or 1.
+        Covariance of the target, noise included, shape (..., n, n); may be singular. Zero is a target without spread,
+        with the result 0 or 1.
     background_cov
         Covariance of the background, noise included, shape (..., n, n).
     tolerance
-        Relative, of the tail that is integrated, 1e-12 to 0.01.
+        Relative tolerance of the integrated tail, 1e-12 to 0.01.
 
     Returns
     -------
     ndarray
-        P_D, accurate relative to itself where it is small (see `rx_p_miss` for where it is close to 1).
+        P_D, with relative accuracy where it is small (see `rx_p_miss` for values close to 1).
 
     Raises
     ------
@@ -58,8 +58,8 @@ def rx_p_detection(
 
     Notes
     -----
-    Exact for Gaussian classes. A curve may lie below the diagonal: a target less spread than its background and
-    close to its mean is what RX misses. Differs from [MK14]: there 1e5 vectors are drawn.
+    Exact for Gaussian classes. A curve may lie below the diagonal: RX misses targets of less spread than the background
+    and close to its mean. Differs from [MK14]: there 1e5 vectors are drawn.
 
     References
     ----------
@@ -80,7 +80,7 @@ def rx_p_miss(
 ) -> FloatArray:
     """Return the probability that the RX statistic of a target does not exceed the threshold.
 
-    It is 1 - P_D, accurate relative to itself where P_D is close to 1. Arguments, errors and limits are those of
+    It is 1 - P_D, with relative accuracy where P_D is close to 1. Arguments, errors and limits are those of
     `rx_p_detection`.
 
     References
@@ -95,11 +95,11 @@ def rx_p_miss(
 class RxRoc:
     """A receiver operating characteristic of the RX detector.
 
-    `p_false_alarm`, `threshold`, `p_detection` and `p_miss` have one shape; `error` is the estimated relative error
-    of that of the two probabilities which was integrated (the upper tail at and above the mean of D, else the lower).
-    `auc` is the area under the whole curve, `auc_error` the estimated relative error of the smaller of it and
-    1 - `auc`; both have the leading shape of the class moments. `background_condition` is the condition number of the
-    background covariance. `warnings` says what limits the result, and is empty as a rule.
+    `p_false_alarm`, `threshold`, `p_detection` and `p_miss` have one shape; `error` is the estimated relative error of
+    the integrated probability (the upper tail at and above the mean of D, else the lower). `auc` is the area under the
+    whole curve, `auc_error` the estimated relative error of the smaller of it and 1 - `auc`; both have the leading
+    shape of the class moments. `background_condition` is the condition number of the background covariance. `warnings`
+    lists limits of the result, usually none.
     """
 
     p_false_alarm: FloatArray
@@ -189,8 +189,8 @@ def rx_threshold(p_false_alarm: ArrayLike, dim: int = 3) -> FloatArray:
 class SampleRxRoc:
     """A receiver operating characteristic of the RX detector with estimated background.
 
-    Probabilities are those over target, noise and training pixels alike. `error` is the estimated relative error
-    of that of the two probabilities which was integrated; `warnings` says what limits the result.
+    Probabilities are those over target, noise and training pixels alike. `error` is the estimated relative error of the
+    integrated probability; `warnings` lists limits of the result.
     """
 
     p_false_alarm: FloatArray
@@ -223,7 +223,7 @@ def sample_roc(
     n_pixels, pixel_in_sample
         As for `sample_threshold`. With the target pixel in the sample, the n - 1 others are background.
     tolerance
-        Relative, of the tail that is integrated, 1e-12 to 0.01.
+        Relative tolerance of the integrated tail, 1e-12 to 0.01.
 
     Raises
     ------
@@ -257,8 +257,8 @@ def sample_roc(
 
 CONDITION_LIMIT = 1e12
 _CONDITION_WARNING = 1e8
-_ALIKE = 0.5  # largest entry of the whitened difference of covariances for which the difference is decomposed
-_NO_SPREAD = 1e-30  # weight relative to the largest: below it a component is a constant
+_ALIKE = 0.5  # largest entry of the whitened difference of covariances for a decomposition of the difference
+_NO_SPREAD = 1e-30  # relative weight below which a component is a constant
 
 
 def background_condition(background_cov: FloatArray) -> FloatArray:
@@ -277,14 +277,12 @@ def background_condition(background_cov: FloatArray) -> FloatArray:
 
 
 def condition_warnings(condition: FloatArray) -> tuple[str, ...]:
-    """Return what is to be said of the condition of the background, nothing where it is harmless."""
+    """Return a warning if the condition of the background limits the result."""
     worst = float(np.max(condition, initial=1.0))
     if worst <= _CONDITION_WARNING:
         return ()
     moved = worst * np.finfo(float).eps
-    said = (
-        f"background_cov has condition number {worst:.2g}: rounding of the arguments alone may move P_D by {moved:.1g}"
-    )
+    said = f"background_cov has condition number {worst:.2g}: rounding of the arguments may change P_D by {moved:.1g}"
     return (said,)
 
 
@@ -298,12 +296,12 @@ def sample_threshold(
     p_false_alarm
         Any shape, in [0, 1].
     n_pixels
-        Pixels that mean and unbiased covariance were estimated from; more than `dim`, and more than `dim` + 1
-        where the tested pixel is one of them.
+        Pixels for the estimates of mean and unbiased covariance; more than `dim`, or `dim` + 1 if they include the
+        tested pixel.
     dim
         Number of components of the vector.
     pixel_in_sample
-        Whether the tested pixel is one of the n, as it is when a whole picture is its own background.
+        Whether the n pixels include the tested one, as for a whole picture as its own background.
 
     Returns
     -------
@@ -351,8 +349,8 @@ def _detection_distribution(
 ) -> _DetectionDistribution:
     """Return the distribution of D = (x - m_b)' S_b^-1 (x - m_b) for x ~ N(m_t, S_t).
 
-    Where the two covariances are alike, their difference is decomposed, so that a target equal to its background
-    has weights of exactly 1; elsewhere singular values of a factor are taken, which keeps small weights accurate.
+    For similar covariances the difference is decomposed, so that a target equal to its background has weights of
+    exactly 1; otherwise singular values of a factor keep small weights accurate.
 
     [MK14] eq. (30); definition.
     """

@@ -1,7 +1,7 @@
-"""Diagnosis of a run from its own redundancy: each fault with its size, its error and its consequences.
+"""Diagnosis of a run from its redundancy: faults with size, error and consequences.
 
 `diagnose` turns the fit of `fault_fit` into terms, `consequence` gives the change of the DoLP and the AoLP of a region
-by a fault, and `region_residual` the error of a region's mean counts from the part that no light explains.
+by a fault, and `region_residual` the error of a region's mean counts from the residual that no light explains.
 """
 
 from collections.abc import Sequence
@@ -32,14 +32,14 @@ from model.stokes import aolp_rad, dolp
 FloatArray = NDArray[np.float64]
 
 
-# Below this degree an angle of polarization has no meaning, and neither has its change.
+# Degree below which an angle of polarization, and its change, is meaningless.
 _LEAST_DOLP = 1e-6
 
 
 def consequence(
     system: ArrayLike, means: ArrayLike, parameters: FloatArray, *, light: float, slopes: ArrayLike | None = None
 ) -> tuple[float | None, float | None]:
-    """Return the change of the DoLP and of the AoLP [rad] of a region by faults of a known size; None where unknown.
+    """Return the change of DoLP and AoLP [rad] of a region due to faults of known size; None if unknown.
 
     Parameters
     ----------
@@ -50,10 +50,9 @@ def consequence(
     parameters
         Of single frames and the response, shape (P,).
     light
-        Counts at which a curved response adds its share [DN].
+        Counts for the share of a curved response [DN].
     slopes
-        Mean slopes of the region behind each angle, x and y, shape (N, 2) [DN/pixel]; shifts change no even region, and
-        are left out without.
+        Mean slopes of the region behind each angle, x and y, shape (N, 2) [DN/pixel]; without them shifts are ignored.
     """
     rows, counts = np.asarray(system, dtype=np.float64), np.asarray(means, dtype=np.float64)
     frames, still = len(counts), counts
@@ -64,7 +63,7 @@ def consequence(
     with_fault = np.linalg.pinv(rows) @ counts
     faults = frame_faults(parameters, frames)
     design, _ = corrected_system(rows, faults)
-    # Shifts leave an even picture as it is.
+    # Shifts do not change an even picture.
     even = np.repeat(still[:, None, None], 4, axis=2)
     without = design.inverse @ corrected_pictures(even, faults, light=light)[:, 0, 0]
     if not (can_be_undone(parameters) and with_fault[0] > 0.0 and without[0] > 0.0):
@@ -81,7 +80,7 @@ _LEAST_BLOCKS = 12
 
 
 def region_residual(plan: Design, pictures: FloatArray, inside: NDArray[np.bool_]) -> Moments:
-    """Return the mean counts of a region, and the covariance of the part that no light explains.
+    """Return the mean counts of a region, and the covariance of the residual that no light explains.
 
     Parameters
     ----------
@@ -94,7 +93,7 @@ def region_residual(plan: Design, pictures: FloatArray, inside: NDArray[np.bool_
 
     Notes
     -----
-    Texture cancels in the residual. Its blocks give the error, and those of the channels do not.
+    Texture cancels in the residual, so its blocks give the error, unlike those of the channels.
     """
     rows, columns = np.nonzero(inside)
     counts = pictures[:, rows, columns]
@@ -118,12 +117,12 @@ class Term:
     name: str
     frame: int | None  #: None where it is of several
     unit: str
-    value: float | None  #: its size next to the named causes; the length of a shift; None where it is not testable
+    value: float | None  #: its size in addition to the named causes; the length of a shift; None if not testable
     std_error: float | None
-    reason: str  #: why it is not testable; empty otherwise
-    is_named: bool  #: whether it is one of the causes that explain the run best
+    reason: str  #: reason if it is not testable
+    is_named: bool  #: True for the causes that explain the run best
     confused_with: tuple[tuple[str, int | None], ...]  #: names and frames of faults with the same effect on this run
-    parameters: FloatArray  #: what it adds to the parameters of single frames, shape (P,)
+    parameters: FloatArray  #: its contribution to the parameters of single frames, shape (P,)
 
     @property
     def is_testable(self) -> bool:
@@ -135,8 +134,8 @@ class Term:
 class Diagnosis:
     """Faults of a run."""
 
-    terms: tuple[Term, ...]  #: the named ones first, the strongest of them at the front
-    reason: str  #: why nothing is testable; empty otherwise
+    terms: tuple[Term, ...]  #: the named ones first, in order of strength
+    reason: str  #: reason if nothing is testable
     light: float  #: mean counts, to which a curved response refers [DN]
 
     @property
@@ -173,14 +172,14 @@ def diagnose(
 
     Notes
     -----
-    A dark level, a gain or a turn that all frames have in common acts like light, and cannot be seen.
+    A dark level, gain or turn common to all frames acts like light and is not found.
     """
     images, good = np.asarray(pictures, dtype=np.float64), np.asarray(usable, dtype=np.bool_)
     light = float(images[:, good].mean()) if good.any() else 0.0
     if plan.redundancy == 0:
-        return _untestable("three angles fit any frames: there is nothing to hold them against", light)
+        return _untestable("three angles fit any frames: there is no redundancy", light)
     if not light > 0.0:
-        return _untestable("no usable pixel holds any light", light)
+        return _untestable("no usable pixel has light", light)
     causes = known_causes(np.asarray(angles_rad, dtype=np.float64), times, light=light)
     fit = fit_faults(plan.system, images, good, causes, light=light, step=step)
     if fit is None:
@@ -198,10 +197,10 @@ def _untestable(reason: str, light: float) -> Diagnosis:
     return Diagnosis(terms=(), reason=reason, light=light)
 
 
-# Correlation of the effects of two causes from which they are the same to a run.
+# Correlation of effects from which a run cannot distinguish two causes.
 _SAME = 0.99
 
-# Standard error, as a share of its size, of a fault too large to be undone and fitted about itself, and of others then.
+# Relative standard error of a fault too large for a correction, and of the others then.
 _HARDLY_KNOWN = 0.5
 
 
@@ -238,7 +237,7 @@ def _term(fit: JointFit, index: int) -> Term:
 
 
 def _in_its_place(fit: JointFit, index: int) -> tuple[int, ...]:
-    """Return the named causes with one cause put in the place of the one that is most like it."""
+    """Return the named causes with one of them replaced by a similar cause."""
     if not fit.named:
         return (index,)
     alike = max(fit.named, key=lambda other: fit.weigher.correlation(index, other))
@@ -246,19 +245,21 @@ def _in_its_place(fit: JointFit, index: int) -> tuple[int, ...]:
 
 
 def _why_not(fit: JointFit, index: int, is_determined: bool, error: float) -> str:
-    """Return why a cause is not testable; empty where it is."""
+    """Return the reason why a cause is not testable, empty if it is."""
     cause = fit.evidence.causes[index]
     if cause.name in SHARED:
         left = share_left(fit.evidence, index)
         if left <= LEAST_SHARE_LEFT:
             return (
-                f"polarization is too alike over the picture: {left:.1%} of what it does is not done by throughputs, "
-                f"angles and dark levels, {LEAST_SHARE_LEFT:.0%} are needed"
+                "polarization varies too little over the picture: throughputs, angles and dark levels explain all but "
+                f"{left:.1%} of its effect, {LEAST_SHARE_LEFT:.0%} is needed"
             )
     if not is_determined:
         return (
-            "nothing in these pictures tells it from what was named" if fit.named else "these pictures do not show it"
+            "these pictures cannot distinguish it from the named causes"
+            if fit.named
+            else "these pictures do not show it"
         )
     if not is_useful(cause, error):
-        return "these pictures hardly determine it"
+        return "these pictures do not determine it well"
     return ""

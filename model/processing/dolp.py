@@ -1,13 +1,13 @@
-"""Moments of DoLP to a tolerance, and the names under which its distribution is used.
+"""Moments of DoLP to a tolerance, and the public names of its distribution.
 
-Everything is formed as a deviation from p0 = |mean of (S1, S2)| / mean of S0, so that nothing cancels at high
+Everything is a deviation from p0 = |mean of (S1, S2)| / mean of S0, so that digits do not cancel at high
 signal-to-noise ratio: with Q = sqrt(S1^2 + S2^2) and q(z) = |mean of (S1, S2) given S0|,
 
     E[P | z] - p0 = (q - p0 S0) / S0 + (E[Q | z] - q) / S0,        var P = E var(Q | z) / S0^2 + var E[P | z].
 
 DoLP divides by S0. If S0 can come close to zero, the density of DoLP falls so slowly that the mean diverges
-logarithmically and the variance like the inverse of a cut-off. Both depend on the cut-off by an amount that is
-computed here; where it is below the tolerance, the moments exist for all purposes.
+logarithmically and the variance like the inverse of a cut-off. If their computed dependence on the cut-off is below the
+tolerance, the moments exist in practice.
 
 Stokes parameters are on the last axis; all leading axes broadcast. DoLP is the naive one, sqrt(S1^2 + S2^2) / S0 of
 the noisy Stokes parameters: biased upward and above 1 with some probability.
@@ -53,7 +53,7 @@ class DolpMoments:
     Parameters
     ----------
     mean, std
-        Moments; not a number where they do not exist at the tolerance.
+        Moments; nan if they do not exist at the tolerance.
     snr
         mean / std. Unpolarized light has 1.913 with S0 known: a value below 2 is no evidence of polarization.
     method
@@ -63,7 +63,7 @@ class DolpMoments:
     exists
         Whether the moments exist at the tolerance.
     reason
-        Why they do not; empty where they do.
+        Reason if they do not exist.
     """
 
     mean: FloatArray
@@ -78,7 +78,7 @@ class DolpMoments:
 
 _FIRST, _SECOND, _EXACT, _NONE = "first order", "second order", "quadrature", "none"
 
-# Share of the tolerance that an estimated error may take, since it may be low by a factor of two.
+# Share of the tolerance allowed for an estimated error, which may be low by a factor of two.
 _MARGIN = 0.25
 _REFINEMENTS = 2
 
@@ -95,25 +95,25 @@ def moments(
     stokes_cov
         Covariance, shape (..., 3, 3), in the square of that unit, positive semi-definite; singular is allowed.
     tolerance
-        Relative error allowed of mean and standard deviation, > 0. The cheapest of three ways that meets it is
-        taken: expansion to first order, to second order, or quadrature (error about 1e-13).
+        Allowed relative error of mean and standard deviation, > 0. The cheapest sufficient method is used: expansion to
+        first order, to second order, or quadrature (error about 1e-13).
     existing_to
-        Tolerance to which moments have to exist, where that is below the other; None for the same.
+        Tolerance at which moments must exist, if smaller than `tolerance`; None for the same.
 
     Returns
     -------
     DolpMoments
-        With the way taken, the errors estimated, and where there are no moments the reason.
+        With method, estimated errors, and the reason for missing moments.
 
     Raises
     ------
     ValueError
-        If the arguments are no mean and covariance, S0 > 0 has no probability, or the tolerance is not positive.
+        If the arguments are not a mean and a covariance, S0 > 0 has no probability, or the tolerance is not positive.
 
     Notes
     -----
-    Moments exist at the tolerance if treating S0 below 1 % of its mean in another way changes them by less.
-    Where they do not, quantiles exist (`quantile`). All moments are given S0 > 0.
+    Moments exist at the tolerance if another treatment of S0 below 1 % of its mean changes them by less. Otherwise
+    quantiles exist (`quantile`). All moments are given S0 > 0.
 
     Differs from [MK14]: eq. (24) is DoLP at the mean, not the mean of DoLP, and eq. (25) its first-order variance;
     both fail where S1 and S2 are few standard deviations from zero, whatever the signal-to-noise ratio of S0.
@@ -163,7 +163,7 @@ class Expansion:
     variance: FloatArray
 
 
-# A variance that cancels to zero, as for a common factor, is negative by no more than this share of its terms.
+# Largest negative share of its terms for a variance that cancels to zero, as for a common factor.
 _ROUNDING = 1e-12
 
 
@@ -180,8 +180,8 @@ def first_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
     Returns
     -------
     Expansion
-        Mean P and variance a' Sigma a, a = (-P, cos 2 psi, sin 2 psi) / S0. Where P = 0 the direction has no
-        meaning: that of S1 is taken, and neither moment is of use there.
+        Mean P and variance a' Sigma a, a = (-P, cos 2 psi, sin 2 psi) / S0. For P = 0 the direction of S1 is used, and
+        neither moment is meaningful.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def first_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
 
     Notes
     -----
-    Good where Q is many standard deviations; the relative error of the mean is about (sigma_Q / Q)^2 / 2.
+    Accurate for Q of many standard deviations; the relative error of the mean is about (sigma_Q / Q)^2 / 2.
 
     Differs from [MK14]: eq. (25) as printed lacks the squares on a2 and a3, and the ordered pairs.
 
@@ -203,14 +203,14 @@ def first_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
     own = p**2 * cov[..., 0, 0] + cos**2 * cov[..., 1, 1] + sin**2 * cov[..., 2, 2]
     shared = cos * sin * cov[..., 1, 2] - p * (cos * cov[..., 0, 1] + sin * cov[..., 0, 2])
     total = own + 2.0 * shared
-    # Counts that are hardly polarized share all their fluctuation but for rounding, which is a share of that of S0.
+    # Weakly polarized counts share their fluctuation to rounding, which is relative to that of S0.
     if np.any(total < -_ROUNDING * np.trace(cov, axis1=-2, axis2=-1)):
         raise ValueError("stokes_cov gives a negative variance of DoLP: it is not positive semi-definite")
     variance = np.maximum(total, 0.0) / mean[..., 0] ** 2
     return Expansion(mean=np.broadcast_to(p, variance.shape)[()], variance=variance)
 
 
-# An expansion is never trusted closer to the kink at S1 = S2 = 0, or to S0 = 0, than this.
+# Least distance of an expansion from the kink at S1 = S2 = 0, and from S0 = 0.
 _LEAST_SNR = 4.0
 
 
@@ -226,7 +226,7 @@ def _expanded(
     first, second = first_order(mean, cov), second_order(mean, cov)
     first_std, second_std = _root(first.variance), _root(second.variance)
     with np.errstate(divide="ignore", invalid="ignore"):
-        # The relative size of the terms that second order leaves out.
+        # The relative size of terms beyond second order.
         changes = np.abs(second.mean / first.mean - 1.0), np.abs(second_std / first_std - 1.0)
         far = 1.0 / _least_snr(frame[index]) ** 2
         rest = _NEXT_ORDER * np.maximum(np.maximum(*changes), far) ** 2
@@ -282,7 +282,7 @@ def second_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
     Returns
     -------
     Expansion
-        The variance may be negative: then the expansion has broken down. Infinite or not a number where P = 0.
+        A negative variance shows that the expansion fails. Infinite or nan for P = 0.
 
     Raises
     ------
@@ -291,7 +291,7 @@ def second_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
 
     Notes
     -----
-    Never to be used where Q is below three standard deviations.
+    Do not use for Q below three standard deviations.
 
     References
     ----------
@@ -320,16 +320,16 @@ def second_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
 
 
 def _root(variance: FloatArray) -> FloatArray:
-    """Return the square root; not a number, without a warning, where an expansion has broken down."""
+    """Return the square root; nan without a warning if an expansion has failed."""
     return np.sqrt(np.where(variance >= 0.0, variance, np.nan))
 
 
-# Cut-offs between this share of the mean of S0 and the mean itself are taken to be equally good.
+# Cut-offs between this share of the mean of S0 and the mean count as equally good.
 _CUT_OFF = 0.01
 
 
 def _ambiguity(frame: DolpFrame) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the change of mean and mean square of DoLP by the choice of a cut-off near S0 = 0, and Pr(S0 < 0)."""
+    """Return the change of mean and mean square of DoLP with the cut-off near S0 = 0, and Pr(S0 < 0)."""
     sigma = np.where(frame.sigma_0 > 0.0, frame.sigma_0, 1.0)
     snr = np.where(frame.sigma_0 > 0.0, frame.mean_0 / sigma, np.inf)
     at_zero = np.exp(-0.5 * np.minimum(snr**2, 1500.0)) / (sigma * np.sqrt(2.0 * np.pi))
@@ -342,7 +342,7 @@ def _ambiguity(frame: DolpFrame) -> tuple[FloatArray, FloatArray, FloatArray]:
     return of_mean, of_square, np.where(known, 0.0, ndtr(-snr))
 
 
-# Share of its mean down to which S0 is followed: moments that depend on what is below do not exist.
+# Lower end of S0 as a share of its mean: moments that depend on smaller values do not exist.
 _LEAST_INTENSITY = 0.01
 _INTENSITY_STEP = 0.1
 _NODE_CLASSES = (1, 40, 80, 160, 512, 1024, 2048)
@@ -365,7 +365,7 @@ def _exact_moments(frame: DolpFrame, *, refinement: int) -> FloatArray:
     return found
 
 
-# Standard deviations of S0 that are covered; a normal variable is farther out with probability 2e-21.
+# Covered standard deviations of S0; the probability beyond is 2e-21.
 _REACH = 9.5
 
 
@@ -433,7 +433,7 @@ def _given_intensity(
     return (slide + pulled) / s0, spread / s0**2
 
 
-# From this many standard deviations on, the kink of the length at the origin is out of reach of the Hermite rule.
+# Standard deviations beyond which the kink at the origin does not affect the Hermite rule.
 _SMOOTH = 10.0
 _HERMITE_NODES = 12
 _LOG_STEP = 0.28
@@ -443,7 +443,7 @@ _LOG_TIMES = np.arange(-26.0, 40.0, _LOG_STEP)
 def rice_moments(
     mean_1: FloatArray, mean_2: FloatArray, sigma_1: FloatArray, sigma_2: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how much the mean length exceeds the length of the mean, and the variance of the length.
+    """Return the excess of the mean length over the length of the mean, and the variance of the length.
 
     Far from the origin a product Gauss-Hermite rule is used, near it
     sqrt(E X^2) - E|X| = 1/(2 sqrt pi) int [M(t) - exp(-t E X^2)] t^(-3/2) dt, M(t) = E exp(-t X^2),
@@ -462,7 +462,7 @@ def rice_moments(
     return excess, variance
 
 
-# Rows at once: the arrays then stay in the cache.
+# Rows at once, for arrays within the cache.
 _CHUNK = 128
 
 

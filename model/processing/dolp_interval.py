@@ -1,11 +1,10 @@
-"""Intervals of DoLP and AoLP, and a score of (S1, S2), that hold where there is hardly any polarization.
+"""Intervals of DoLP and AoLP, and a score of (S1, S2), valid for weak polarization.
 
-DoLP is the length of a vector: noise makes it longer, and an interval of one standard error to either side of it misses
-0 most of the time. `dolp_intervals` takes every true DoLP from which the measured vector is not too far. How far that
-is follows from Rice's law, between that of two degrees of freedom at 0 and that of one where noise is small.
-`aolp_limits_rad` takes every axis that passes the measured vector closely enough. `joint_score` holds a measured vector
-against a predicted one in both components at once. Errors that are known from few differences make all of these wider,
-by Student's law.
+DoLP is the length of a vector: noise makes it longer, and an interval of one standard error around it usually misses 0.
+`dolp_intervals` includes every true DoLP within a distance of the measured vector that follows from Rice's law: two
+degrees of freedom at 0, one for small noise. `aolp_limits_rad` includes every axis that passes close enough to the
+measured vector. `joint_score` compares a measured vector with a predicted one in both components. Errors estimated from
+few differences widen all of these by Student's law.
 """
 
 from functools import cache
@@ -21,23 +20,23 @@ FloatArray = NDArray[np.float64]
 Intervals = tuple[tuple[float, float], tuple[float, float]]
 
 LEVELS = (0.6827, 0.95)
-# Of a signal to noise below these, any axis is in the interval: coverage is then nominal without polarization, and at
-# most 4 % more with it (by drawing vectors).
+# Signal-to-noise ratios below which the interval includes any axis: coverage is then nominal without polarization, and
+# at most 4 % more with it (by drawing vectors).
 _ANY_AXIS = (1.37, 2.31)
-# From this signal to noise on, the first-order interval differs by less than 0.2 % of its width.
+# Signal-to-noise ratio above which the first-order interval differs by less than 0.2 % of its width.
 _PLAIN_SNR = 30.0
-# From so many degrees of freedom on, Student's law is wider by less than half a per cent.
+# Degrees of freedom above which Student's law is wider by less than half a per cent.
 _MANY = 300.0
 _REACH, _TINY = 7.0, 1e-300
 
 
 def is_polarized(normalized: Moments) -> bool:
-    """Return whether the 95 % interval of the axis of (S1, S2) / S0 leaves any axis out."""
+    """Return whether the 95 % interval of the axis of (S1, S2) / S0 excludes any axis."""
     return chi_square(normalized.mean, normalized.cov) > _ANY_AXIS[1] ** 2
 
 
 def half_widths(freedom: float) -> tuple[float, float]:
-    """Return by how many standard errors intervals of both levels reach, by Student's law."""
+    """Return the half widths of intervals of both levels in standard errors, by Student's law."""
     if freedom > _MANY:
         return 1.0, -float(ndtri(0.025))
     low, high = (float(stdtrit(freedom, 0.5 + 0.5 * level)) for level in LEVELS)
@@ -45,7 +44,7 @@ def half_widths(freedom: float) -> tuple[float, float]:
 
 
 def student_intervals(value: float, std_error: float, freedom: float) -> Intervals | None:
-    """Return the intervals of a number whose error rests on few differences; None where they are the normal ones."""
+    """Return the intervals of a number whose error is estimated from few differences; None for the normal ones."""
     if freedom > _MANY:
         return None
     low, high = ((value - k * std_error, value + k * std_error) for k in half_widths(freedom))
@@ -53,26 +52,26 @@ def student_intervals(value: float, std_error: float, freedom: float) -> Interva
 
 
 def chi_square(vector: FloatArray, cov: FloatArray) -> float:
-    """Return the square of a vector in a covariance, infinite where that leaves it no room."""
+    """Return the squared Mahalanobis length of a vector, infinite outside a singular covariance."""
     if np.linalg.eigvalsh(cov)[0] <= 0.0:
         return np.inf if np.any(vector) else 0.0
     return float(vector @ np.linalg.solve(cov, vector))
 
 
 def aolp_limits_rad(normalized: Moments, freedom: float = np.inf) -> Intervals:
-    """Return how far below and above the measured AoLP its 68 and its 95 % interval end.
+    """Return the ends of the 68 and 95 % intervals of AoLP, relative to the measured one.
 
     Parameters
     ----------
     normalized
         Moments of (S1 / S0, S2 / S0), shape (2,), not 0.
     freedom
-        Degrees of freedom that their covariance is known from.
+        Degrees of freedom of their covariance.
 
     Notes
     -----
-    The distance of the measured vector from the line along a direction is normal, whatever the length of the vector.
-    If the vector is shorter than the allowed distance, the interval holds all axes.
+    The distance of the measured vector from the line along a direction is normal for any length of the vector. If the
+    vector is shorter than the allowed distance, the interval includes all axes.
     """
     if np.linalg.eigvalsh(normalized.cov)[0] <= 0.0:
         return (0.0, 0.0), (0.0, 0.0)
@@ -84,7 +83,7 @@ def aolp_limits_rad(normalized: Moments, freedom: float = np.inf) -> Intervals:
         if length < any_axis * k / plain:
             found.append((-0.5 * np.pi, 0.5 * np.pi))
             continue
-        # Where errors are alike in all directions; then back in the plane of S1 and S2.
+        # In whitened axes, then back in the plane of S1 and S2.
         along, across = white * np.sqrt(1.0 - (k / length) ** 2), np.array([-white[1], white[0]]) * k / length
         ends = [_turn(normalized.mean, root @ (along + side * across)) / 2.0 for side in (-1.0, 1.0)]
         found.append((min(ends), max(ends)))
@@ -104,12 +103,12 @@ def dolp_intervals(normalized: Moments, freedom: float = np.inf) -> Intervals:
     normalized
         Moments of (S1 / S0, S2 / S0), shape (2,).
     freedom
-        Degrees of freedom that their covariance is known from.
+        Degrees of freedom of their covariance.
 
     Notes
     -----
-    The set of true lengths P whose nearest vector is within c(P) of the measured one, in its covariance. At P = 0 and
-    where P is large that covers exactly, between them exactly where the covariance is alike in both directions.
+    The set of true lengths P whose nearest vector is within c(P) of the measured one, in its covariance. The coverage
+    is exact at P = 0 and for large P, and between for an isotropic covariance.
     """
     vector, cov = normalized.mean, normalized.cov
     length = float(np.hypot(*vector))
@@ -138,9 +137,9 @@ def dolp_intervals(normalized: Moments, freedom: float = np.inf) -> Intervals:
 
 
 def joint_score(apart: FloatArray, cov: FloatArray, freedom: float = np.inf) -> float | None:
-    """Return how far two vectors are apart, as a standard normal score: its upper tail is that of chi-square, or of F.
+    """Return the difference of two vectors as a standard normal score with the upper tail of chi-square, or of F.
 
-    None where their covariance leaves no room.
+    None if their covariance is zero.
     """
     found = min(chi_square(apart, cov), 1400.0) if np.linalg.eigvalsh(cov)[0] > 0.0 else np.inf
     if not np.isfinite(found):
@@ -157,7 +156,7 @@ def student_score(score: float, freedom: float) -> float:
 
 
 def _where_below(at: FloatArray, values: FloatArray) -> tuple[float, float]:
-    """Return the ends of where values are at most 0, between their nodes."""
+    """Return the ends of the range of values up to 0, interpolated between nodes."""
     below = np.flatnonzero(values <= 0.0)
     first, last = int(below[0]), int(below[-1])
     low, high = float(at[first]), float(at[last])
@@ -170,7 +169,7 @@ def _where_below(at: FloatArray, values: FloatArray) -> tuple[float, float]:
 
 @cache
 def _limits() -> tuple[FloatArray, tuple[FloatArray, ...]]:
-    """Return lengths in standard errors, and for each level how far a measured length may be off such a true one."""
+    """Return true lengths in standard errors, and for each level the allowed deviation of a measured length."""
     at = np.concatenate([np.linspace(0.0, 4.0, 41), np.linspace(4.5, 20.0, 32)])
     found = [_limits_at(length) for length in at]
     return at, tuple(np.array(one) for one in zip(*found, strict=True))
@@ -180,7 +179,7 @@ def _limits_at(length: float) -> list[float]:
     """Return c of Pr(|r - P| <= c) = level for each level, r of Rice's law with unit deviation."""
     off = np.linspace(-min(length, 6.0), 6.0, 601)
     radius, turns = length + off, (np.arange(128) + 0.5) * np.pi / 128
-    # The law's Bessel function as a mean over directions, scaled by what the exponential takes away.
+    # The law's Bessel function as a mean over directions, scaled against underflow.
     bessel = np.mean(np.exp(radius[:, None] * length * (np.cos(turns) - 1.0)), axis=1)
     density = radius * np.exp(-0.5 * off**2) * bessel
     cumulated = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])

@@ -70,7 +70,7 @@ class Ring:
         return self._turn_to(time_s, start_deg + part * (target_deg - start_deg), speed_deg_per_s)
 
     def find_mark(self, time_s: float, *, clockwise: bool, speed_deg_per_s: float, offset_counts: int = 0) -> float:
-        """Turn to the reference mark or an offset from it, zero the encoder; return the time at which it rests [s].
+        """Turn to the reference mark or an offset from it, zero the encoder; return the time at which it rests [s]."""
         home_deg = self._mark_deg + offset_counts * 360.0 / self._counts_per_turn
         way_deg = (home_deg - self.angle_deg(time_s)) % 360.0
         if clockwise and way_deg:
