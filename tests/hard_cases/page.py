@@ -1,9 +1,8 @@
-"""The page of hard cases, docs/hard-cases.md with its picture: written whole, in one pass over all cases.
+"""The page of hard cases, docs/hard-cases.md with its picture: made in one pass over all cases.
 
 Usage: OPENBLAS_NUM_THREADS=1 python -m tests.hard_cases.page [--workers 2]
 
-The numbers that the page shows are kept in tests/hard_cases/found.json, against which the tests hold what the commands
-answer now.
+All answers are stored in tests/hard_cases/found.json; the tests compare the present ones with them.
 """
 
 import argparse
@@ -20,7 +19,7 @@ from typing import Any
 
 from tests.hard_cases.cases import HARD_CASES, HardCase
 from tests.hard_cases.matrix import TOLERANCE, Row, row_of
-from tests.hard_cases.references import Known, reference_lines
+from tests.hard_cases.references import Known, reference_text
 from tests.hard_cases.round_earth import round_earth_lines
 
 ROOT = Path(__file__).parents[2]
@@ -32,8 +31,9 @@ _READING = """
 If your scene is near such an edge, this page shows how accurate its numbers are, and what is refused. In each case one
 quantity of the scene is at its limit (`tests/hard_cases/cases.py` has the files). These commands run on each case:
 `predict`, `predict --tolerance 0.01`, `sweep`, `predict --uncertainty`, `effects`, `compare`, and `tradeoff` where
-every radiance is stated (under a sky it takes minutes). A fault is an exit code of 70, a number that is not finite, a
-refusal without an explanation, a DoLP that differs from the stated one, or a run that disagrees with its own scene.
+every radiance is stated (under a sky it takes minutes); `found.json` next to the cases has all answers. A fault is an
+exit code of 70, a number that is not finite, a refusal without an explanation, a DoLP that differs from the stated one,
+or a run that disagrees with its own scene.
 
 - **Reference.** Where the radiance is stated, the reference is the stated DoLP, to rounding (1e-14). Where a material
   is under a sky, sasktran2 solves the sky (discrete ordinates, an independent program). The difference between its fast
@@ -51,16 +51,6 @@ DoLP and P_D (at a false alarm rate of 1e-3) are those of the target. `off` is t
 
 | case | reference: DoLP | `predict` off | `--tolerance` off | SNR | off | P_D | off | own run |
 |---|---|---|---|---|---|---|---|---|"""
-
-_OTHERS = """
-## Other commands
-
-`--tolerance 0.01`: the largest estimated error of any number, and whether all are promised. `sweep`: DoLP at two
-f-numbers. `--uncertainty`: the uncertainty of S0 [DN] and of DoLP that f_number = 2.00 ± 0.02 causes. `effects`: number
-of effects that act. `tradeoff`: the true error at a tolerance of 0.1. `area`: area under the ROC curve.
-
-| case | --tolerance | sweep | --uncertainty | effects | tradeoff | detection |
-|---|---|---|---|---|---|---|"""
 
 _REFUSED = """
 ## Refused
@@ -129,15 +119,11 @@ def page_lines(rows: Sequence[Row]) -> Iterator[str]:
     yield _ANSWERED
     yield from (_answered_line(row) for row in answered)
     yield from _own_runs(answered)
-    yield _OTHERS
-    names = ("--tolerance", "sweep", "--uncertainty", "effects", "tradeoff", "predict")
-    yield from (f"| {row.name} | {' | '.join(row.answers.get(name, '') for name in names)} |" for row in answered)
     yield _REFUSED
     yield from (f"| {row.name} | {row.refused} |" for row in rows if row.refused)
     yield _DEEP
     yield from round_earth_lines()
-    yield ""
-    yield from reference_lines()
+    yield reference_text()
 
 
 def _answer(rows: Sequence[Row]) -> str:
@@ -173,6 +159,8 @@ def _summary(rows: Sequence[Row]) -> Iterator[str]:
     ):
         place = max(range(len(solved)), key=errors.__getitem__)
         yield f"| largest error of DoLP against sasktran2, {name} | {errors[place]:.1e} ({solved[place].name}) |"
+    broken = [row.name for row in answered if not row.answers["--tolerance"].endswith("kept")]
+    yield f"| cases with numbers that `--tolerance {TOLERANCE:g}` does not promise | {', '.join(broken) or 'none'} |"
 
 
 def _errors(rows: Sequence[Row]) -> list[float]:
