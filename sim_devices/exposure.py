@@ -179,7 +179,7 @@ def _require(name: str, value: float, *, above: float = -inf, least: float = -in
         return
     low = f"above {above:g}" if above > -inf else f"at least {least:g}"
     high = f" and at most {most:g}" if most < inf else " and finite"
-    raise ValueError(f"{name} is {value}; it has to be {low}{high}")
+    raise ValueError(f"{name} is {value}; it must be {low}{high}")
 
 
 # Place of an effect in the chain: on expected photo-electrons before the pixels' response, on the expected charge, on
@@ -240,7 +240,8 @@ class RenderingEffect:
 def refuse_outside(name: str, value: float, *, least: float, most: float = np.inf) -> None:
     """Raise ValueError unless `value` is finite and within least .. most."""
     if not (least <= value <= most and np.isfinite(value)):
-        raise ValueError(f"{name} is {value}; allowed is {least:g} to {most:g}")
+        high = f" to {most:g}" if most < np.inf else " and above"
+        raise ValueError(f"{name} is {value}; allowed is {least:g}{high}")
 
 
 def drift(*, rate_per_frame: float, flicker_std: float) -> RenderingEffect:

@@ -1,4 +1,4 @@
-"""AERONET files of version 3: optical depth of the aerosol, and its refractive index and sizes, as text of commas.
+"""AERONET files of version 3 (CSV): optical depth, refractive index and sizes of the aerosol.
 
 Two kinds are understood, of level 1.5 or 2.0, all points or daily averages: AOD files (columns AOD_440nm, ...,
 440-870_Angstrom_Exponent, Ozone(Dobson)) and inversion products (AOD_Coincident_Input[440nm] or
@@ -29,7 +29,7 @@ _MEASURED = (_DEPTH, _INVERTED_DEPTH, _REAL, _IMAGINARY, _RADIUS)
 _EXPONENT, _OZONE = "440-870_Angstrom_Exponent", "Ozone(Dobson)"
 _LEVEL = re.compile(r"Level (\d\.\d)")
 _LEVELS = ("1.5", "2.0")
-# Rows further than this from the time of the scene are not used; daily averages are of their day.
+# Largest distance of a row from the time of the scene; daily averages belong to their day.
 _FURTHEST, _FURTHEST_DAILY = timedelta(hours=3), timedelta(hours=24)
 # Of optical depth from a field instrument: Giles et al. (2019), doi:10.5194/amt-12-169-2019.
 _DEPTH_STD = 0.01
@@ -57,12 +57,12 @@ class Aeronet:
 
 
 def read_aeronet(paths: Sequence[Path], *, near: datetime | None) -> Aeronet:
-    """Return what AERONET files say of the air: the row next to a time, or the mean of all rows without one.
+    """Return the properties of the air in AERONET files: the row next to a time, or the mean of all rows without one.
 
     Raises
     ------
     ConfigError
-        A file cannot be read or is of another layout, it has no row near that time, or nothing that is used.
+        A file cannot be read or has another layout, no row near that time, or no usable column.
     """
     found: dict[str, tuple[float, float]] = {}
     sources = []
@@ -87,14 +87,14 @@ def read_aeronet(paths: Sequence[Path], *, near: datetime | None) -> Aeronet:
     if not result.depths:
         names = ", ".join(map(str, paths))
         raise ConfigError(
-            f"{names}: the rows used have no optical depth at two wavelengths (or at one, with "
-            f"{_EXPONENT}); give the AOD file of the same site too"
+            f"{names}: the rows lack optical depths at two wavelengths (or at one, with {_EXPONENT}); add the AOD file "
+            "of the same site"
         )
     return result
 
 
 def _row(path: Path, near: datetime | None) -> tuple[dict[str, tuple[float, float]], str]:
-    """Return values and spread of the row next to a time, or of all, without missing ones; and where they are from."""
+    """Return values and spread of the row next to a time, or of all, without missing ones; and their source."""
     head, names, rows = _table(path)
     columns = {name: k for k, name in enumerate(names)}
     date, time = (
@@ -103,7 +103,7 @@ def _row(path: Path, near: datetime | None) -> tuple[dict[str, tuple[float, floa
     wanted = [name for name in names if name in (_EXPONENT, _OZONE) or any(one.match(name) for one in _MEASURED)]
     if date is None or time is None or not wanted:
         raise ConfigError(
-            f"{path}: is no AERONET AOD or inversion file: its columns need Date(dd:mm:yyyy), Time(hh:mm:ss), and "
+            f"{path}: is not an AERONET AOD or inversion file: its columns need Date(dd:mm:yyyy), Time(hh:mm:ss), and "
             "AOD_*nm, Refractive_Index-*, or radii of a size distribution"
         )
     problems, times, values = [], [], []
@@ -140,7 +140,7 @@ def _row(path: Path, near: datetime | None) -> tuple[dict[str, tuple[float, floa
     if apart[nearest] > furthest:
         raise ConfigError(
             f"{path}: has no row within {furthest.total_seconds() / 3600:g} h of {near.astimezone(UTC):%Y-%m-%d %H:%M} "
-            f"UTC; its rows are of {min(times):%Y-%m-%d %H:%M} to {max(times):%Y-%m-%d %H:%M}"
+            f"UTC; its rows are from {min(times):%Y-%m-%d %H:%M} to {max(times):%Y-%m-%d %H:%M}"
         )
     chosen = {name: (float(x), 0.0) for name, x in zip(wanted, table[nearest], strict=True) if math.isfinite(x)}
     return chosen, f"{words}, {times[nearest]:%Y-%m-%d %H:%M} UTC"
@@ -155,8 +155,8 @@ def _table(path: Path) -> tuple[list[str], list[str], list[tuple[int, list[str]]
     at = next((k for k, line in enumerate(lines) if "Date" in line and "Time" in line and line.count(",") > 2), None)
     if at is None or not lines[0].startswith("AERONET Version 3"):
         raise ConfigError(
-            f"{path}: is no AERONET file of version 3: its first line must begin with AERONET Version 3, and one "
-            "of the next must name the columns (Date(dd:mm:yyyy),Time(hh:mm:ss),...)"
+            f"{path}: is not an AERONET file of version 3: its first line must begin with AERONET Version 3, and a "
+            "later one must name the columns (Date(dd:mm:yyyy),Time(hh:mm:ss),...)"
         )
     names = [name.strip() for name in lines[at].split(",")]
     rows = csv.reader(lines[at + 1 :])
@@ -166,7 +166,7 @@ def _table(path: Path) -> tuple[list[str], list[str], list[tuple[int, list[str]]
 def _level(path: Path, head: Sequence[str]) -> str:
     found = next((match.group(1) for line in head if (match := _LEVEL.search(line))), "unknown")
     if found not in _LEVELS:
-        raise ConfigError(f"{path}: is of level {found}; needed is {' or '.join(_LEVELS)}, free of clouds")
+        raise ConfigError(f"{path}: is of level {found}; cloud-free data of level {' or '.join(_LEVELS)} are needed")
     return found
 
 
@@ -175,7 +175,7 @@ def _cell(row: Sequence[str], place: int) -> str:
 
 
 def _number(row: Sequence[str], place: int) -> float | None:
-    """Return a cell's number, NaN where it is missing by -999, None where it is no number."""
+    """Return a cell's number, NaN for -999 (missing), None if it is not a number."""
     try:
         number = float(_cell(row, place))
     except ValueError:
@@ -195,7 +195,7 @@ def _by_number(found: Mapping[str, tuple[float, float]], pattern: re.Pattern[str
 
 
 def _depths(found: Mapping[str, tuple[float, float]]) -> tuple[tuple[float, float, float], ...]:
-    """Return two wavelengths with their optical depth: 440 and 870 nm, or those next to them that were measured."""
+    """Return two wavelengths with their optical depth: 440 and 870 nm, or the nearest measured ones."""
     measured = _by_number(found, _INVERTED_DEPTH) | _by_number(found, _DEPTH)
     usable = sorted(nm for nm, (depth, _) in measured.items() if _LEAST_NM <= nm <= _MOST_NM and depth > 0.0)
     chosen = sorted({min(usable, key=lambda nm: abs(nm - best)) for best in _BEST_NM}) if usable else []

@@ -1,49 +1,49 @@
-"""Words that options and files choose from. Nothing heavy is imported here, so that help is at hand at once."""
+"""Choices in options and files. Nothing heavy is imported here, so that help is fast."""
 
 from enum import StrEnum
 from typing import Literal, get_args
 
-# What the camera looked at.
+# Object before the camera.
 FrameKind = Literal["scene", "dark", "flat"]
 FRAME_KINDS: tuple[FrameKind, ...] = get_args(FrameKind)
 
-# What is made of a picture behind polarizers on the pixels, as `model.processing.mosaic.Interpolation` has it.
+# Interpolation of a picture behind polarizers on the pixels, as in `model.processing.mosaic.Interpolation`.
 Interpolation = Literal["none", "bilinear"]
 
-# What a run can be exported as.
+# Formats of export.
 ExportFormat = Literal["csv", "fits", "tiff", "hdf5", "zarr"]
 
-# What the counts of a prediction are scaled by: the scene file, a panel, or the run itself.
+# Source of the scale of predicted counts: the scene file, a panel, or the run itself.
 ScaleKind = Literal["absolute", "panel", "free"]
 
-# Parts of the light of a material, as `model.scene.field.Source` has them.
+# Parts of the light of a material, as in `model.scene.field.Source`.
 LightPart = Literal["total", "reflected", "reflected_sun", "reflected_sky", "path"]
 
-# What decides whether an effect is left out: its bound, or nothing.
+# Rule for leaving out effects: by their bounds, or never.
 EffectRule = Literal["safe", "all"]
 
 # Vectors that the RX detector works on: Stokes parameters, or the counts behind each angle of the polarizer.
 RocKind = Literal["stokes", "intensity"]
 ROC_KINDS: tuple[RocKind, ...] = get_args(RocKind)
 
-# DoLP SNR that tables and plots show: of the exact law, or to first order as [MK14] has it.
+# DoLP SNR in tables and plots: of the exact law, or to first order as in [MK14].
 SnrKind = Literal["exact", "first-order", "both"]
 
-# DoLP SNR in which the paper's statements are checked.
+# DoLP SNR for the check of the paper's statements.
 SnrForm = Literal["exact", "first-order"]
 
-# What solves the light of the air: the project's own solver, or an independent one beside it as a check.
+# Solver of the light of the air: the project's own, or an independent one as a check.
 Engine = Literal["own", "sasktran2"]
 
-# What the demo changes in its simulated rig between calibration and run.
+# Changes of the demo's simulated rig between calibration and run.
 Perturbation = Literal["gain", "angle-offset", "angle-sense", "extinction"]
 PERTURBATIONS: tuple[Perturbation, ...] = get_args(Perturbation)
 
-# What changes in a simulated roof against the scene file that lights it.
+# Changes of a simulated roof relative to its scene file.
 RoofChange = Literal["visibility", "aerosol", "dhr", "tilt", "drift"]
 ROOF_CHANGES: tuple[RoofChange, ...] = get_args(RoofChange)
 
-# How facets hide one another, and the form of the diffuse term, as `model.surface.pbrdf.Surface` has them.
+# Shadowing and diffuse term, as in `model.surface.pbrdf.Surface`.
 Shadowing = Literal["none", "v-cavity", "smith", "smith-correlated"]
 DiffuseKind = Literal["lambert", "balance", "coupled", "polarised", "volume"]
 
@@ -54,14 +54,14 @@ EXPOSURE_UNITS: tuple[ExposureUnit, ...] = get_args(ExposureUnit)
 SECONDS_PER_UNIT: dict[ExposureUnit, float] = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0}
 
 
-# Families of ArUco markers, by cells a side and how many markers they have.
+# Families of ArUco markers, by cells per side and number of markers.
 Dictionary = Literal[
     "4x4_50", "4x4_100", "4x4_250", "5x5_50", "5x5_100", "6x6_50", "6x6_250", "aruco_original"
 ]  # fmt: skip
 
 
 class Asked(StrEnum):
-    """How a session asks for hands: at its terminal, or by a hold that somebody ends from elsewhere."""
+    """How a session asks the operator: at its terminal, or by a hold that is ended from elsewhere."""
 
     TERMINAL = "terminal"
     HOLD = "hold"

@@ -21,7 +21,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.csv_table import Columns, Problem, columns_of, csv_lines, header_of
 from rigctl.files.toml import Section, Within, load
 
-# Dividing by a whole number rounds once, so that 550 becomes 550e-9 to the last digit.
+# Dividing by a whole number rounds once: 550 becomes 550e-9 exactly.
 NM_PER_M = 1e9
 
 Number = Annotated[float, Field(strict=True)]
@@ -47,7 +47,7 @@ class PropertySection(Section):
     source: Annotated[str, Field(pattern=r"\S")] = "no source given"
     """Where the number is from. Example: `"measured on 2026-05-04"`."""
     confidence: Confidence = "low"
-    """How far the source is trusted. Example: `"medium"`."""
+    """Trust in the source. Example: `"medium"`."""
     assumed: bool = True
     """Not measured on this surface. Example: `false`."""
 
@@ -73,9 +73,9 @@ Cosine = Annotated[PropertySection, Within(ge=-ASYMMETRY_MOST, le=ASYMMETRY_MOST
 
 
 class MaterialFile(Section):
-    """Content of a material file; `model.surface.pbrdf.Surface` says what the properties mean.
+    """Content of a material file; `model.surface.pbrdf.Surface` explains the properties.
 
-    A file with `table = "FILE.csv"`, a table of measured BRDF, has that key and a name alone.
+    A file with `table = "FILE.csv"`, a table of measured BRDF, has only this key and a name.
     """
 
     schema_version: Literal[1] = 1
@@ -117,12 +117,12 @@ class TableMaterialFile(Section):
     """CSV file of measured BRDF. Example: `"my-panel.csv"`."""
 
 
-# Of files that are tables of measured BRDF; other files of materials are TOML.
+# Of tables of measured BRDF; other files of materials are TOML.
 TABLE_SUFFIXES = (".csv", ".txt", ".dat")
 
 
 def load_table(path: Path) -> MeasuredTable:
-    """Return the measured geometries of a CSV file; a file that did not change is read once."""
+    """Return the measured geometries of a CSV file; an unchanged file is read once."""
     try:
         stated = path.stat()
     except OSError as error:
@@ -138,7 +138,7 @@ def _read_table(path: Path, _changed_ns: int, _size: int) -> MeasuredTable:
 def _names_table(path: Path) -> bool:
     try:
         return "table" in tomllib.loads(read_bounded(path, MOST_TEXT_BYTES).decode())
-    except (OSError, ValueError):  # `load` says what is wrong
+    except (OSError, ValueError):  # `load` reports the problem
         return False
 
 
@@ -163,9 +163,9 @@ def load_material(path: Path) -> Material:
 
 
 def find_material(name_or_path: str, *, beside: Path) -> Material:
-    """Return a material of the library by its name, or one from a file; the library's names come first.
+    """Return a material of the library by its name, or else from a file.
 
-    `beside` is the folder from which a relative path counts: that of the file which names the material.
+    Relative paths count from the folder `beside`, that of the file that names the material.
     """
     if name_or_path in MATERIALS:
         return material(name_or_path)

@@ -1,4 +1,4 @@
-"""Places: the site on the Earth, the camera as the target sees it, and how well. Rig and scene files share them."""
+"""Places in rig and scene files: the site on the Earth, the camera as seen from the target, and their errors."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -13,15 +13,15 @@ NotBelow0 = Annotated[float, Field(ge=0)]
 
 FloatArray = NDArray[np.float64]
 
-# Two correlations of one pair that differ by more are two numbers; and what rounding makes of an eigenvalue.
+# Largest difference between the two correlations of a pair, and rounding of an eigenvalue.
 _SAME, _SINGULAR = 1e-9, 1e-9
-# A parameter with less of the singular direction is not named.
+# Least share of the singular direction in a parameter for its mention.
 _TAKES_PART = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """A place on the Earth, or how far one may be from it; north and east are positive."""
+    """A place on the Earth, or its error; north and east are positive."""
 
     latitude_deg: float
     longitude_deg: float
@@ -71,7 +71,7 @@ class SiteSection(Section):
 
 
 class GeometrySection(Section):
-    """Place of the camera as seen from the target, and how it is held.
+    """Place of the camera as seen from the target, and its roll.
 
     Its azimuth is given either clockwise from north, or as phi: azimuth of the sun minus that of the camera, 180 where
     the camera looks toward the sun's side. Roll is counter-clockwise as the camera sees the scene.
@@ -96,10 +96,10 @@ class GeometrySection(Section):
 
 
 class PointingSection(Section):
-    """How the errors of the camera's and the panels' angles go together: `rigctl calibrate pointing --write` writes it.
+    """Correlation of the errors of the camera's and the panels' angles, from `rigctl calibrate pointing --write`.
 
-    What finds the panels' tilt from a picture takes the camera's direction for it: both are then off together. Each
-    number has its own standard uncertainty where it stands.
+    Tilts of panels from a picture depend on the camera's direction, so their errors are correlated. Each number has its
+    own standard uncertainty.
     """
 
     parameters: Annotated[tuple[str, ...], Field(min_length=2)]
@@ -116,7 +116,7 @@ class PointingSection(Section):
             raise ValueError(f"correlation needs {count} rows of {count} numbers, one for each of parameters")
         found = np.array(self.correlation)
         if np.any(np.abs(np.diag(found) - 1.0) > _SAME):
-            raise ValueError("correlation is not 1 on its diagonal; standard uncertainties stand with the numbers")
+            raise ValueError("correlation is not 1 on its diagonal; standard uncertainties belong to the numbers")
         for i, j in zip(*np.nonzero(np.abs(found - found.T) > _SAME), strict=True):
             raise ValueError(
                 f"correlation is not symmetric: [{i}][{j}] is {found[i, j]:g}, [{j}][{i}] is {found[j, i]:g}"
@@ -131,8 +131,8 @@ class PointingSection(Section):
         strongest = np.argsort(-np.abs(vectors[:, 0]), kind="stable")
         names = ", ".join(self.parameters[k] for k in strongest if abs(vectors[k, 0]) > _TAKES_PART)
         if values[0] < -_SINGULAR:
-            raise ValueError(f"correlation is that of no errors: {names} contradict (eigenvalue {values[0]:.2g})")
+            raise ValueError(f"correlation is impossible: {names} contradict (eigenvalue {values[0]:.2g})")
         raise ValueError(
-            f"correlation is singular: it says that one of {names} is known exactly from the others; leave one out, "
-            "or take its correlation smaller"
+            f"correlation is singular: one of {names} would be known exactly from the others; leave one out, or use a "
+            "smaller correlation"
         )

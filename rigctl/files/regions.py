@@ -1,4 +1,4 @@
-"""Regions of interest: rectangles and polygons with names, and the pixels that they hold.
+"""Regions of interest: named rectangles and polygons, and their pixels.
 
 x runs right, y down, (0, 0) is the centre of the top left pixel.
 """
@@ -45,7 +45,7 @@ Vertex = tuple[float, float]
 class Region(Section):
     """A named part of the picture: exactly one of a rectangle and a polygon.
 
-    `edge_px` pixels along its border are left out of every measurement: the blur of the lens mixes in what lies beside.
+    `edge_px` pixels along its border are left out of every measurement, because the lens blurs in light from outside.
     """
 
     name: Name
@@ -77,7 +77,7 @@ class Region(Section):
 class Marker(Section):
     """Place of an ArUco marker in the picture that the regions were drawn on.
 
-    `corners` (x, y) run clockwise from the marker's own top left. It leads the regions that are named, or all of them.
+    `corners` (x, y) run clockwise from the marker's own top left. It leads the named regions, or all.
     """
 
     id: Annotated[int, Field(ge=0)]
@@ -147,7 +147,7 @@ def inner_masks(
 def _without_edge(mask: NDArray[np.bool_], edge_px: int) -> NDArray[np.bool_]:
     if edge_px == 0:
         return mask
-    import cv2  # wanted for a border only
+    import cv2  # needed for a border only
 
     distance = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return np.asarray(mask & (distance > edge_px))
@@ -170,7 +170,7 @@ def masks(regions: list[Region], *, width: int, height: int) -> dict[str, NDArra
             continue
         mask = _mask(region, width=width, height=height)
         if not mask.any():
-            problems.append(f"region {region.name}: holds the centre of no pixel")
+            problems.append(f"region {region.name}: contains no pixel centre")
         found[region.name] = mask
     if problems:
         raise ConfigError("\n  ".join(["regions do not fit the pictures:", *problems]))
@@ -178,7 +178,7 @@ def masks(regions: list[Region], *, width: int, height: int) -> dict[str, NDArra
 
 
 def _mask(region: Region, *, width: int, height: int) -> NDArray[np.bool_]:
-    """Even-odd rule at pixel centres: OpenCV's filled polygon also takes each pixel that an edge touches."""
+    """Even-odd rule at pixel centres; OpenCV's filled polygon would include each pixel that an edge touches."""
     vertices = np.asarray(region.outline(), dtype=np.float64)
     mask = np.zeros((height, width), dtype=np.bool_)
     (left, top), (right, bottom) = np.floor(vertices.min(axis=0)), np.ceil(vertices.max(axis=0))

@@ -16,9 +16,9 @@ from rigctl.files.place import GeometrySection, SiteSection
 from rigctl.files.regions import Name, require_distinct
 from rigctl.files.toml import Section, load, with_std_apart
 
-# Pixels along a side of a picture: beyond any sensor.
+# Pixels along a side of a picture, beyond any sensor.
 LARGEST_SIDE = 20_000
-# Further off, no lens of this kind shows anything [mm].
+# Largest defocus with a visible picture [mm].
 MOST_DEFOCUS_MM = 5.0
 
 NotNegativeNumber = Annotated[float, Field(ge=0)]
@@ -43,7 +43,7 @@ class VignettingSection(Section):
 
 
 class FixedPatternSection(Section):
-    """An offset of each column, beside the pixels' own prnu and dsnu_e in [simulation.camera]."""
+    """An offset of each column, in addition to prnu and dsnu_e of [simulation.camera]."""
 
     effect: Literal["fixed-pattern"]
     """An offset of each column. Example: `"fixed-pattern"`."""
@@ -52,14 +52,14 @@ class FixedPatternSection(Section):
 
 
 class DriftSection(Section):
-    """Light that changes from frame to frame: by a compounded rate, and by a flicker beside."""
+    """Light that changes from frame to frame by a compounded rate and a flicker."""
 
     effect: Literal["drift"]
     """Light that changes from frame to frame. Example: `"drift"`."""
     rate_per_frame: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
     """Change from each frame to the next, compounded. Example: `0.001`."""
     flicker_std: Annotated[float, Field(ge=0, le=0.5)] = 0.0
-    """Deviation of each frame's light beside, relative. Example: `0.002`."""
+    """Additional relative deviation of each frame's light. Example: `0.002`."""
 
 
 class BeamWanderSection(Section):
@@ -106,7 +106,7 @@ RenderingSection = Annotated[
 
 
 class SimulatedPolarizer(Section):
-    """The polarizer as it truly sits in the simulated rig."""
+    """The true polarizer of the simulated rig."""
 
     sense: Literal[1, -1]
     """True sense of the simulated polarizer. Example: `1`."""
@@ -119,7 +119,7 @@ class SimulatedPolarizer(Section):
 
 
 class SimulatedCamera(Section):
-    """The camera as it truly is in the simulated rig. Its numbers are assumed, not those of a real camera."""
+    """The true camera of the simulated rig. Its numbers are assumed, not those of a real camera."""
 
     width: Annotated[int, Field(gt=0, le=LARGEST_SIDE)] = 782
     """Pixels a row. Example: `782`."""
@@ -160,14 +160,14 @@ class SimulatedCamera(Section):
 class SimulationSection(Section):
     """The simulated rig: its scene, its true devices, and the effects on its pictures.
 
-    Effects that `effects` does not name are not computed. `clock` is when its clock begins; without, it is the host's.
-    `perturb` changes the light of a scene of materials against what its file says.
+    Effects that `effects` does not name are not computed. `clock` is the start of its clock; default: the host's.
+    `perturb` changes the light of a scene of materials relative to its file.
     """
 
     scene: Path
-    """Scene file of what the simulated rig looks at. Example: `"scene-panels.toml"`."""
+    """Scene file of the simulated rig. Example: `"scene-panels.toml"`."""
     clock: AwareDatetime | None = None
-    """When its clock begins; the host's clock without. Example: `2026-06-21T10:00:00+02:00`."""
+    """Start of its clock; default: the host's clock. Example: `2026-06-21T10:00:00+02:00`."""
     perturb: RoofChange | None = None
     """Change of a scene of materials against its file. Example: `"visibility"`."""
     seed: Annotated[int, Field(ge=0)] = 1
@@ -175,20 +175,20 @@ class SimulationSection(Section):
     flat_radiance: PositiveNumber
     """Radiance of the flat field in band, W m-2 sr-1. Example: `20.0`."""
     polarizer: SimulatedPolarizer
-    """The polarizer as it truly sits."""
+    """The true polarizer."""
     camera: SimulatedCamera
     """The camera as it truly is."""
     effects: list[RenderingSection] = Field(default_factory=list)
-    """Effects that its pictures go through beside lens and detector."""
+    """Effects on its pictures in addition to lens and detector."""
     _file: Path | None = PrivateAttr(default=None)
 
     @property
     def file(self) -> Path | None:
-        """The rig file that it stands in; None where it was not read from one."""
+        """The rig file that contains it; None if it was not read from one."""
         return self._file
 
     def beside(self, file: Path) -> "SimulationSection":
-        """Return it as it stands in a rig file: its scene is sought beside that."""
+        """Return it as in a rig file, with the scene file next to that."""
         self._file = file.resolve()  # copies have it too
         return self.model_copy(update={"scene": (file.parent / self.scene).resolve()})
 
@@ -202,10 +202,10 @@ class SimulationSection(Section):
 
 
 PLACEHOLDER = (
-    "sense and offset of the polarizer are placeholders: angles, S1, S2 and AoLP mean nothing until "
-    "`rigctl calibrate axis ... --write RIG.toml` has filled them in"
+    "sense and offset of the polarizer are placeholders: angles, S1, S2 and AoLP are meaningless until `rigctl "
+    "calibrate axis ... --write RIG.toml` fills them in"
 )
-# Axes of one cell that are closer than this are one.
+# Axes of a cell that are closer than this are equal.
 _HALF_TURN_DEG, _LEAST_GAP_DEG = 180.0, 5.0
 
 NoticeKind = Literal["finished", "stopped", "failed", "hold", "interlock", "disk is short"]
@@ -215,8 +215,8 @@ NOTICE_KINDS: tuple[NoticeKind, ...] = get_args(NoticeKind)
 class StageSection(Section):
     """The rotation stage, and how to reach it.
 
-    `options` are what the driver takes beside: see its documentation. `characterisation` is a file that
-    `rigctl calibrate stage` made of this stage; each move then waits until the stage rests.
+    `options` are further options of the driver: see its documentation. `characterisation` is a file from `rigctl
+    calibrate stage` for this stage; each move then waits until the stage rests.
     """
 
     driver: str
@@ -224,7 +224,7 @@ class StageSection(Section):
     port: str
     """Serial port of the stage, or sim: for a simulated one. Example: `"/dev/ttyUSB0"`."""
     address: str | None = None
-    """Of several stages on one port, which. Example: `"0"`."""
+    """Address of one of several stages on a port. Example: `"0"`."""
     serial_number: str | None = None
     """Refuse any other stage than this. Example: `"11400123"`."""
     tolerance_deg: Annotated[float, Field(gt=0, le=5)] = 0.02
@@ -236,11 +236,11 @@ class StageSection(Section):
 
 
 class PolarizerSection(Section):
-    """Seat of the polarizer in the stage, as calibrated: neither sense nor offset has a default.
+    """Calibrated mounting of the polarizer in the stage: neither sense nor offset has a default.
 
     polarizer angle = sense * stage angle + offset, counter-clockwise as the camera sees the scene. The offset may be
-    given as ``{value = 12.3, std = 0.05}``; a comparison then allows for that standard uncertainty. `placeholder` says
-    that sense and offset are not calibrated yet; every command that takes or reads frames says so.
+    given as ``{value = 12.3, std = 0.05}``; a comparison then allows for that standard uncertainty. `placeholder` means
+    that sense and offset are not calibrated yet; every command that takes or reads frames warns of it.
     """
 
     sense: Literal[1, -1]
@@ -252,7 +252,7 @@ class PolarizerSection(Section):
     extinction_ratio: Annotated[float, Field(gt=1)] | None = None
     """Transmittance along the axis over that across. Example: `5000.0`."""
     placeholder: bool = False
-    """Sense and offset are not calibrated yet; every command says so. Example: `true`."""
+    """Sense and offset are not calibrated yet; every command warns of it. Example: `true`."""
 
     @model_validator(mode="before")
     @classmethod
@@ -274,25 +274,27 @@ class CameraSection(Section):
     mosaic_deg: Annotated[list[float], Field(min_length=4, max_length=4)] | None = None
     """Polarizers on its pixels: angles of a cell of 2 x 2, row by row. Example: `[90, 45, 135, 0]`."""
     interpolation: Interpolation = "none"
-    """Of such a mosaic: none, four pictures of half the size; bilinear, of the whole. Example: `"none"`."""
+    """Pictures of such a mosaic: none, four of half the size; bilinear, of the whole size. Example: `"none"`."""
 
     @model_validator(mode="after")
     def _cell_is_one(self) -> "CameraSection":
         if self.mosaic_deg is None:
             if self.interpolation != "none":
-                raise ValueError("interpolation is for a camera with polarizers on its pixels: state mosaic_deg, too")
+                raise ValueError(
+                    "interpolation is for a camera with polarizers on its pixels: state mosaic_deg as well"
+                )
             return self
         axes = sorted(angle % _HALF_TURN_DEG for angle in self.mosaic_deg)
         gaps = [after - before for before, after in pairwise([*axes, axes[0] + _HALF_TURN_DEG])]
         if min(gaps) < _LEAST_GAP_DEG:
-            raise ValueError("mosaic_deg: the four angles of a cell differ from one another, modulo 180 deg")
+            raise ValueError("mosaic_deg: the four angles of a cell must differ modulo 180 deg")
         return self
 
 
 class MonitorSection(Section):
-    """A sensor that is read once an exposure: temperature, humidity, irradiance. It delays no frame and loses none.
+    """A sensor that is read once per exposure: temperature, humidity, irradiance. It never delays a frame.
 
-    `options` are those of its driver: see docs/plug-ins.md. The drift of the light is compared with a reading that
+    `options` are those of its driver: see docs/plug-ins.md. The drift of the light is compared with readings that have
     `follows_light`, such as an irradiance.
     """
 
@@ -301,17 +303,18 @@ class MonitorSection(Section):
     driver: str
     """Its driver: file, command, serial, or a plug-in's. Example: `"file"`."""
     deadline_s: Annotated[float, Field(gt=0, le=60)] = 1.0
-    """A reading that takes longer is given up. Example: `1.0`."""
+    """Longest time of a reading. Example: `1.0`."""
     follows_light: bool = False
-    """It grows with the light that the rig sees, as an irradiance does. Example: `true`."""
+    """It grows with the light of the scene, like an irradiance. Example: `true`."""
     options: dict[str, bool | int | float | str | list[str]] = Field(default_factory=dict)
     """Options of the driver. Example: `{ path = "/run/air.txt", unit = "deg C" }`."""
 
 
 class NotifySection(Section):
-    """Receivers of notices: an address that gets each as JSON by HTTP POST, a command that reads it, or both.
+    """Receivers of notices: an address for JSON by HTTP POST, a command, or both.
 
-    `events` selects the events. A notice that is not delivered within `timeout_s` is dropped: no session waits.
+    `events` selects the events. A notice that is not delivered within `timeout_s` is dropped, without delay of the
+    session.
     """
 
     webhook: Annotated[str, Field(pattern=r"^https?://[^\s]+$", max_length=2000)] | None = None
@@ -321,7 +324,7 @@ class NotifySection(Section):
     events: list[NoticeKind] = Field(default_factory=lambda: list(NOTICE_KINDS))
     """Events that are reported; all unless given. Example: `["finished", "failed"]`."""
     timeout_s: Annotated[float, Field(gt=0, le=60)] = 5.0
-    """After which a notice is dropped. Example: `5.0`."""
+    """Time after which a notice is dropped. Example: `5.0`."""
 
     @model_validator(mode="after")
     def _a_receiver_is_given(self) -> "NotifySection":
@@ -333,38 +336,38 @@ class NotifySection(Section):
 
 
 class RigFile(Section):
-    """Content of a rig file. Where it stands and how its camera points may stand here, or in session and scene file."""
+    """Content of a rig file. Site and direction of the camera may be here, or in session and scene file."""
 
     schema_version: Literal[1] = 1
     """Version of the layout. Example: `1`."""
     name: str
     """Name of the rig, in every run that it takes. Example: `"roof"`."""
     stage: StageSection | None
-    """The rotation stage, and how to reach it; none where the camera has polarizers on its pixels."""
+    """The rotation stage, and how to reach it; none if the camera has polarizers on its pixels."""
     polarizer: PolarizerSection
-    """Seat of the polarizer in the stage; of a camera with polarizers on its pixels it may be left out."""
+    """Mounting of the polarizer in the stage; optional for a camera with polarizers on its pixels."""
     camera: CameraSection
     """The camera, and how to reach it."""
     site: SiteSection | None = None
-    """Where the rig stands."""
+    """Place of the rig."""
     geometry: GeometrySection | None = None
     """Direction of its camera."""
     simulation: SimulationSection | None = None
     """Truth of a simulated rig."""
     monitors: list[MonitorSection] = Field(default_factory=list)
-    """Sensors that are read beside the frames."""
+    """Sensors that are read with the frames."""
     notify: NotifySection | None = None
     """Receivers of notices about the end of a session and about trouble."""
 
     @property
     def is_simulated(self) -> bool:
-        """True if any device of the rig is simulated: then its frames are called so."""
+        """True if any device of the rig is simulated; its frames are then marked."""
         ports = () if self.stage is None else (self.stage.port,)
         return any(address.startswith("sim:") for address in (*ports, self.camera.address))
 
     @property
     def cell_deg(self) -> tuple[float, ...] | None:
-        """Axes of the polarizers on the camera's pixels, row by row of a cell, in [0, 180); None where it has none."""
+        """Axes of the polarizers on the camera's pixels, row by row of a cell, in [0, 180); None without any."""
         return polarizer_axes_deg(
             self.camera.mosaic_deg, sense=self.polarizer.sense, offset_deg=self.polarizer.offset_deg
         )
@@ -372,7 +375,7 @@ class RigFile(Section):
     @model_validator(mode="before")
     @classmethod
     def _mosaic_sits_as_stated(cls, given: object) -> object:
-        """Let a mosaic do without a stage, and its angles stand as they are where no polarizer is stated."""
+        """Allow a mosaic without a stage, and without a polarizer for unchanged angles."""
         camera = given.get("camera") if isinstance(given, dict) else None
         if isinstance(given, dict) and isinstance(camera, dict) and camera.get("mosaic_deg") is not None:
             return {"stage": None, "polarizer": {"sense": 1, "offset_deg": 0.0}} | given
@@ -396,27 +399,27 @@ class RigFile(Section):
 
     @model_validator(mode="after")
     def _a_simulated_camera_needs_a_simulated_stage(self) -> "RigFile":
-        """Refuse a real stage before a simulated camera: the picture would not show where the stage stands."""
+        """Refuse a real stage with a simulated camera, whose picture would not depend on the stage."""
         stage, camera = self.stage, self.camera.address
         if stage is not None and camera.startswith("sim:") and not stage.port.startswith("sim:"):
             raise ValueError(
                 f'[stage] port = "{stage.port}" is a real port, and [camera] address = "{camera}" is simulated: such a '
                 'camera sees a simulated stage only. Write port = "sim:ellx" (or sim:zaber, sim:apt), or the address '
-                'of a real camera, such as "gige:192.168.0.5" (`rigctl devices` lists what is there)'
+                'of a real camera, such as "gige:192.168.0.5" (`rigctl devices` lists them)'
             )
         return self
 
     @model_validator(mode="after")
     def _a_simulated_camera_needs_a_world(self) -> "RigFile":
         if self.is_simulated and self.simulation is None:
-            raise ValueError("a simulated device (sim:...) needs a [simulation] table that says what it looks at")
+            raise ValueError("a simulated device (sim:...) needs a [simulation] table with its scene")
         return self
 
 
 def polarizer_axes_deg(
     mosaic_deg: Sequence[float] | None, *, sense: int, offset_deg: float
 ) -> tuple[float, ...] | None:
-    """Return the axes of a cell as the picture shows them, in [0, 180), by sense and offset; None without a cell."""
+    """Return the axes of a cell in the picture, in [0, 180), by sense and offset; None without a cell."""
     if mosaic_deg is None:
         return None
     return tuple((sense * angle + offset_deg) % _HALF_TURN_DEG for angle in mosaic_deg)
@@ -433,7 +436,7 @@ def unset_polarizer(run: Path, *, placeholder: bool) -> tuple[str, ...]:
 
 
 def load_rig(path: str | Path) -> RigFile:
-    """Return the checked rig file; a scene and a characterisation that it names are sought beside it."""
+    """Return the checked rig file; its scene and characterisation are found relative to it."""
     path = Path(path)
     rig = load(path, RigFile)
     if rig.stage is not None and rig.stage.characterisation is not None:

@@ -150,7 +150,7 @@ class ModeSection(Section):
         if self.volume_share is None or self.volume_median_radius_um is None:
             return 1.0 if self.number_share is None else self.number_share
         ln_sigma = self.ln_sigma if self.ln_sigma is not None else log(10.0) * (self.log10_sigma or 0.0)
-        # Only the ratio of two modes counts: micrometres keep the numbers near 1.
+        # Only the ratio of two modes matters; micrometres keep the numbers near 1.
         return number_of_volume(
             volume=self.volume_share, volume_median_radius_m=self.volume_median_radius_um, ln_sigma=ln_sigma
         )
@@ -292,8 +292,8 @@ class AtmosphereSection(Section):
     Amount of aerosol: by visibility, by its optical depth at 550 nm, by its optical depth measured at two wavelengths
     (Angstrom's law), or by AERONET files: of these the row next to the time of [sun], or the mean of all rows where it
     states angles. An inversion product makes spheres of its sizes and refractive index, unless this table says
-    otherwise. `aerosol` says what it does to polarization, `aerosol_type` and `upper_aerosol_type` of what kind it is
-    below and above 2 km; `own_aerosol` and `own_upper_aerosol`, spheres of one's own, take the place of these.
+    otherwise. `aerosol` is its effect on polarization, `aerosol_type` and `upper_aerosol_type` its kind below and above
+    2 km; `own_aerosol` and `own_upper_aerosol`, user-defined spheres, replace these.
     """
 
     tier: Fidelity = Fidelity.STANDARD
@@ -371,12 +371,12 @@ class AtmosphereSection(Section):
         return self
 
 
-# Index beyond what an inversion gives is that at its ends: a scene's band may begin below 440 nm.
+# Beyond the wavelengths of an inversion the index is constant, since a band may begin below 440 nm.
 _INDEX_ENDS_NM = (300.0, 2500.0)
 
 
 def _with_aeronet(air: AtmosphereSection, given: Aeronet) -> AtmosphereSection:
-    """Return the table with the numbers of AERONET files; numbers that the table states stay."""
+    """Return the table completed with the numbers of AERONET files."""
     update: dict[str, object] = {
         "aeronet": None,
         "measured_depths": tuple(
@@ -447,12 +447,12 @@ EffectName = Annotated[str, AfterValidator(_known)]
 class ErrorsSection(Section):
     """Errors that a session adds to a scene; by default none. These are random or known, and predicted with the rest.
 
-    `polarizer_angle_std_deg` is how far each angle misses on its own, `misregistration_px` how far the picture shifts
-    from frame to frame along each axis (both standard deviations), `texture_correlation_px` the distance at which the
+    `polarizer_angle_std_deg` is the independent error of each angle, `misregistration_px` the shift of the picture from
+    frame to frame along each axis (both standard deviations), `texture_correlation_px` the distance at which the
     correlation of the texture has fallen to 0.61, `illumination_drift` the change of the light from the first frame of
-    a cycle to the last over its mean, `surround_albedo` that of the near surroundings where it is not
-    atmosphere.ground_albedo, `off_axis_falloff` whether light falls as cos^4 over a region's extent: it does, unless
-    frames are divided by a flat field. Each number may have a standard uncertainty.
+    a cycle to the last over its mean, `surround_albedo` that of the near surroundings if it differs from
+    atmosphere.ground_albedo, `off_axis_falloff` false if frames are divided by a flat field, which removes the fall of
+    light as cos^4. Each number may have a standard uncertainty.
     """
 
     polarizer_angle_std_deg: Annotated[Uncertain, Within(ge=0, le=20)] = Uncertain(value=0.0)
@@ -470,7 +470,7 @@ class ErrorsSection(Section):
 
 
 class EffectsSection(Section):
-    """Effects that act whatever their bound (`with`), and that are left out (`without`)."""
+    """Effects that always act (`with`), or are always left out (`without`), regardless of their bounds."""
 
     switched_on: tuple[EffectName, ...] = Field(default=(), alias="with")
     """Effects that act whatever their bound. Example: `["misregistration"]`."""
@@ -479,19 +479,19 @@ class EffectsSection(Section):
 
 
 def effect_names() -> tuple[str, ...]:
-    """Return the effects as files and options call them: without spaces."""
+    """Return the names of effects in files and options: without spaces."""
     return tuple(effect.value.replace(" ", "-") for effect in Effect)
 
 
 def effect_of(name: str) -> Effect:
-    """Return the effect that a file or an option calls so."""
+    """Return the effect of a name in a file or an option."""
     return tuple(Effect)[effect_names().index(name)]
 
 
 StokesValues = tuple[Uncertain, Uncertain, Uncertain]
 Row = tuple[Uncertain, Uncertain, Uncertain]
 Limits = tuple[float, float]
-# Of products of numbers as they are written.
+# Of products of numbers as written.
 _ROUNDING = 1e-9
 _CAMERA_ANGLES = ("camera_zenith_deg", "camera_azimuth_deg", "phi_deg", "camera_roll_deg")
 _PANEL_ANGLES = ("tilt_deg", "tilt_azimuth_deg")
@@ -529,7 +529,7 @@ class SensorSection(Section):
 
     @property
     def has_band(self) -> bool:
-        """True if it is known which wavelengths the sensor sees."""
+        """True if the band of the sensor is known."""
         return self.response is not None or self.band_nm is not None
 
     @model_validator(mode="after")
@@ -542,7 +542,7 @@ class SensorSection(Section):
 
 
 class NoiseSection(Section):
-    """The sensor's noise where no calibration is given. These numbers are assumed, and called so.
+    """The sensor's noise without a calibration. These numbers are assumed, and marked so.
 
     `noise_factor` is Kn of [MK14] eq. (32): it multiplies the deviation of all temporal noise.
     """
@@ -566,8 +566,8 @@ class NoiseSection(Section):
 class AcquisitionSection(Section):
     """The acquisition of the frames; `rigctl compare` takes these from the run instead.
 
-    The exposure may be given as ``{value = 0.03, std = 0.0003}``: a run's exposures are then uncertain by as much of
-    themselves.
+    The exposure may be given as ``{value = 0.03, std = 0.0003}``: a run's exposures then have the same relative
+    uncertainty.
     """
 
     exposure_ms: Annotated[float, Field(gt=0)]
@@ -586,10 +586,10 @@ class AcquisitionSection(Section):
 
 
 class RigSection(Section):
-    """Errors of the rig against what a run records of it; each is an input with an uncertainty, exact by default.
+    """Errors of the rig relative to the record of a run; each is an input with an uncertainty, exact by default.
 
-    `polarizer_offset_deg` is what would have to be added to every recorded angle of the polarizer, `angle_std_deg` how
-    well each angle is known on its own, `exposure_ratio` the true exposure over the recorded one.
+    `polarizer_offset_deg` is the correction to every recorded angle of the polarizer, `angle_std_deg` the independent
+    uncertainty of each angle, `exposure_ratio` the true exposure over the recorded one.
     """
 
     polarizer_offset_deg: Uncertain = Uncertain(value=0.0)
@@ -601,7 +601,7 @@ class RigSection(Section):
 
 
 def _is_covariance(rows: list[list[float]]) -> bool:
-    """Return whether no principal minor of a symmetric matrix (3, 3) is below 0 but for rounding."""
+    """Return whether no principal minor of a symmetric matrix (3, 3) is below 0 beyond rounding."""
     (a, d, e), (_, b, f), (_, _, c) = rows
     pairs = ((a, b, d), (a, c, e), (b, c, f))
     volume = a * b * c + 2.0 * d * e * f - a * f * f - b * e * e - c * d * d
@@ -624,14 +624,13 @@ def _material_name(given: object) -> object:
 
 
 class SceneRegion(Region):
-    """A region, by the radiance that comes from it to the aperture, or by what it is made of and how it stands.
+    """A region, by its radiance at the aperture, or by material and tilt.
 
     `texture_rms` multiplies the whole Stokes vector that a pixel reflects by one random factor; `texture_diagonal` are
     deviations of S0, S1 and S2 independent of one another, as a share of the S0 that a material reflects (the form of
     [MK14]); `texture_covariance` is a further covariance of the pixels' Stokes radiance. All are of the surface, not of
-    the sensor.
-    `extent` says which part of the field of view a material fills: the point on the axis, all of it, or the region's
-    own rectangle of the picture (that around a polygon).
+    the sensor. `extent` is the part of the field of view that a material fills: the point on the axis, all of it, or
+    the region's own rectangle of the picture (that around a polygon).
     """
 
     stokes_radiance: StokesValues | None = None
@@ -673,8 +672,8 @@ class SceneRegion(Region):
             )
         if rows is not None and not _is_covariance([[one.value for one in row] for row in rows]):
             raise ValueError(
-                "texture_covariance is no covariance: along some direction of S0, S1, S2 its variance is below 0, "
-                "such as where [0][1] squared is above [0][0] times [1][1]"
+                "texture_covariance is not a covariance: along some direction of S0, S1, S2 its variance is below 0, "
+                "for instance if [0][1] squared is above [0][0] times [1][1]"
             )
         return self
 
@@ -693,8 +692,8 @@ class SceneRegion(Region):
         """Return the radiance that the file states."""
         if self.stokes_radiance is None:
             raise ConfigError(
-                f"region {self.name} is given by its material; here its stokes_radiance is needed, as a simulated rig "
-                "shows stated radiances and computes no light"
+                f"region {self.name} is given by its material; a simulated rig shows stated radiances only and needs "
+                "its stokes_radiance"
             )
         return self.stokes_radiance
 
@@ -752,11 +751,13 @@ class SceneFile(Section):
             number = angles.get(key)
             if number is None:
                 there = ", ".join(angles) or "none: no [geometry] and no regions of a material"
-                raise ValueError(f"pointing.parameters: {key!r} is no angle of camera or panel; there are {there}")
+                raise ValueError(
+                    f"pointing.parameters: {key!r} is not an angle of camera or panel; allowed are {there}"
+                )
             if number.std == 0.0:
                 raise ValueError(
-                    f"pointing.parameters: {key} is stated as exact, so that its error goes together with nothing; "
-                    f"give its std, {{ value = {number.value:g}, std = 0.5 }}, or leave it out of [pointing]"
+                    f"pointing.parameters: {key} is stated as exact and has no error to correlate; give its std, {{ "
+                    f"value = {number.value:g}, std = 0.5 }}, or leave it out of [pointing]"
                 )
         return self
 
@@ -789,7 +790,7 @@ class SceneFile(Section):
 
 
 def pointing_angles(geometry: GeometrySection | None, regions: Iterable[SceneRegion]) -> dict[str, Uncertain]:
-    """Return the angles of camera and panels that a scene states, by their keys."""
+    """Return the angles of camera and panels in a scene, by their keys."""
     found: dict[str, Uncertain | None] = {}
     if geometry is not None:
         found = {f"geometry.{name}": getattr(geometry, name) for name in _CAMERA_ANGLES}
@@ -824,7 +825,7 @@ def load_scene(path: str | Path) -> SceneFile:
 
 
 def scene_file(given: Path | SceneFile) -> SceneFile:
-    """Return a scene file's content, read where only its path is given."""
+    """Return a scene file's content, given as such or by its path."""
     return given if isinstance(given, SceneFile) else load_scene(given)
 
 
@@ -841,9 +842,9 @@ def _with_material_found(region: SceneRegion, path: Path) -> SceneRegion:
 _HEADER = re.compile(r"^\[\[?([A-Za-z_][\w.]*)\]\]?[ \t]*(?:#[^\n]*)?$", re.MULTILINE)
 _OURS = "  # rigctl calibrate pointing"
 _BY_PHI = "phi_deg"
-# Behind the point, and more where a standard uncertainty would not show.
+# Digits behind the point, and more for small standard uncertainties.
 _DIGITS = 4
-# Of a table of ours: its last line that holds a key, a number or a bracket.
+# The last line of a table of ours with a key, a number or a bracket.
 _LAST_KEY = re.compile(r"(?s:.*)^[^#\n]*[\w\]\"][^\n]*\n?", re.MULTILINE)
 
 
@@ -853,7 +854,7 @@ def write_into_scene(
     regions: Mapping[str, Mapping[str, tuple[float, float]]],
     pointing: PointingSection | None,
 ) -> tuple[str, ...]:
-    """Write numbers with their standard uncertainties into a scene file, and how their errors go together."""
+    """Write numbers with their standard uncertainties and correlations into a scene file."""
     load_scene(path)
     before = read_bounded(path, MOST_TEXT_BYTES)
     text = before.decode("utf-8")
@@ -886,7 +887,7 @@ def _with_geometry(text: str, geometry: Mapping[str, tuple[float, float]]) -> st
 def _with_pointing(text: str, pointing: PointingSection | None) -> str:
     place = _place(text, "pointing")
     if place is not None:
-        # What stands behind the last key of a table belongs to the next.
+        # Text behind the last key of a table belongs to the next.
         last = _LAST_KEY.search(text[place[0] : place[1]])
         text = text[: place[0]] + text[place[0] + (last.end() if last else 0) :].lstrip("\n")
     if pointing is None:
@@ -913,7 +914,7 @@ def _region(path: Path, text: str, name: str) -> tuple[int, int]:
     for table, start, end in _tables(text):
         if table == "regions" and line.search(text[start:end]):
             return start, end
-    raise ConfigError(f"{path}: has no [[regions]] of the name {name}")
+    raise ConfigError(f"{path}: has no [[regions]] named {name}")
 
 
 def _with(table: str, numbers: Mapping[str, tuple[float, float]]) -> str:

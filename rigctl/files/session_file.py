@@ -1,4 +1,4 @@
-"""The session file: which frames to take, in which order, when, and what is watched meanwhile ([interlocks])."""
+"""The session file: frames, their order and times, and checks meanwhile ([interlocks])."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -8,31 +8,31 @@ from pydantic import AwareDatetime, Field, model_validator
 from rigctl.files.regions import Name, Region, require_distinct
 from rigctl.files.toml import Section, load
 
-# retry: take the frame again, and stop if that does not help; hold: wait until it is well again or somebody says
-# so; stop: end the session; note: write it down; off: do not look.
+# retry: take the frame again, and stop if that does not help; hold: wait until the problem has gone or the operator
+# continues; stop: end the session; note: record it; off: do not check.
 Action = Literal["retry", "hold", "stop", "note", "off"]
 Watched = Literal["hold", "stop", "note", "off"]
 
 
 class InterlockSection(Section):
-    """Reaction to what is not as it must be. Every violation is an event of the run."""
+    """Reactions to violations, each of which is an event of the run."""
 
     angle: Action = "retry"
     """A readback beyond the stage's tolerance. Example: `"retry"`."""
     button: Action = "retry"
-    """The stage reports something during a move, such as its button. Example: `"retry"`."""
+    """The stage reports an event during a move, such as its button. Example: `"retry"`."""
     cell: Watched = "stop"
     """The light contradicts the cell of polarizers on the camera's pixels. Example: `"stop"`."""
     fault: Literal["retry", "hold", "stop"] = "stop"
     """The stage reports a fault, such as a stall. Example: `"stop"`."""
     homed: Watched = "stop"
-    """The stage does not say that it found its reference mark. Example: `"stop"`."""
+    """The stage does not report that it found its reference mark. Example: `"stop"`."""
     settings: Action = "stop"
-    """Camera settings that differ from those asked for. Example: `"stop"`."""
+    """Camera settings that differ from the requested ones. Example: `"stop"`."""
     counter: Action = "note"
     """The camera's frame counter stands still, goes back, or has a gap. Example: `"note"`."""
     identical: Action = "retry"
-    """A picture has the very noise of the one before. Example: `"retry"`."""
+    """A picture has exactly the noise of the one before. Example: `"retry"`."""
     black: Action = "retry"
     """A picture has one value everywhere. Example: `"retry"`."""
     exposure: Watched = "hold"
@@ -93,15 +93,14 @@ class InterlockSection(Section):
         return self
 
 
-# 0 and 90 next to each other, 45 and 135 next to each other: a linear drift of the light then makes half the
-# false polarization that 0, 45, 90, 135 makes.
+# 0 next to 90, 45 next to 135: a linear drift of the light causes half the false polarization of 0, 45, 90, 135.
 DEFAULT_ANGLES_DEG = (0.0, 90.0, 45.0, 135.0)
 
 ExposureMs = Annotated[float, Field(gt=0, le=3_600_000)]
 PositiveNumber = Annotated[float, Field(gt=0)]
 ZenithDeg = Annotated[float, Field(gt=0, lt=180)]
-# cycles: as given, again and again; palindrome: every second cycle backwards, so that a linear drift cancels over
-# two; grouped: all frames of an angle, then the next angle: drift is then taken for polarization.
+# cycles: in the given order; palindrome: every second cycle backwards, so that a linear drift cancels over two;
+# grouped: all frames of an angle, then the next angle, so that drift looks like polarization.
 Order = Literal["cycles", "palindrome", "grouped"]
 
 
@@ -113,21 +112,21 @@ class Take(Section):
     exposure_ms: ExposureMs | Literal["auto"] | Annotated[list[ExposureMs], Field(min_length=1)]
     """One exposure, several, or "auto" to meter it. Example: `2.5`."""
     angles_deg: Annotated[list[float], Field(min_length=1)] | None = None
-    """Polarizer angles of a cycle; 0, 90, 45, 135 of a scene, as it stands of others. Example: `[0, 90, 45, 135]`."""
+    """Polarizer angles of a cycle; default 0, 90, 45, 135 for scenes, else the present one. Example: `[0, 45, 90]`."""
     cycles: Annotated[int, Field(ge=1, le=100_000)] = 1
     """Number of times that all angles are taken. Example: `10`."""
     order: Order = "cycles"
-    """cycles: again and again; palindrome: every second backwards; grouped: angle by angle. Example: `"palindrome"`."""
+    """cycles: repeated; palindrome: every second backwards; grouped: angle by angle. Example: `"palindrome"`."""
     closing_repeat: bool = False
-    """Take the first angle again at the end of each cycle, which tells the drift. Example: `true`."""
+    """Take the first angle again at the end of each cycle, to measure the drift. Example: `true`."""
     bracket: Annotated[list[PositiveNumber], Field(min_length=1)] | None = None
     """Factors on the exposure, one frame each. Example: `[1.0, 4.0]`."""
     every_rounds: Annotated[int, Field(ge=1)] = 1
-    """Of a schedule's rounds, every so many have this take. Example: `1`."""
+    """Interval of a schedule's rounds with this take. Example: `1`."""
 
     @property
     def exposures_s(self) -> tuple[float | None, ...]:
-        """The exposures of this take, in seconds; None where it is metered."""
+        """The exposures of this take, in seconds; None if metered."""
         if self.exposure_ms == "auto":
             return (None,)
         given = self.exposure_ms if isinstance(self.exposure_ms, list) else [self.exposure_ms]
@@ -140,7 +139,7 @@ class Take(Section):
 
     @property
     def polarizer_angles_deg(self) -> tuple[float | None, ...]:
-        """The polarizer angles of one cycle; None leaves the polarizer where it is."""
+        """The polarizer angles of one cycle; None for the present angle."""
         if self.angles_deg is not None:
             return tuple(self.angles_deg)
         return DEFAULT_ANGLES_DEG if self.kind == "scene" else (None,)
@@ -164,9 +163,9 @@ class Take(Section):
 
 
 class DarkSection(Section):
-    """Dark frames among the scene frames, at their exposures: before the first cycle, every so many, and at the end.
+    """Dark frames between the scene frames, at their exposures: before the first cycle, at intervals, and at the end.
 
-    Of a schedule's rounds every so many have them.
+    `every_rounds` is their interval in a schedule's rounds.
     """
 
     frames: Annotated[int, Field(ge=1, le=10_000)] = 4
@@ -174,7 +173,7 @@ class DarkSection(Section):
     every_cycles: Annotated[int, Field(ge=1)]
     """Cycles between dark frames. Example: `5`."""
     every_rounds: Annotated[int, Field(ge=1)] = 1
-    """Of a schedule's rounds, every so many have dark frames. Example: `1`."""
+    """Interval of a schedule's rounds with dark frames. Example: `1`."""
 
 
 class MeteringSection(Section):
@@ -198,11 +197,11 @@ class MeteringSection(Section):
 
 
 class ScheduleSection(Section):
-    """When the takes are gone through: each time is a round.
+    """Times of the takes: each time is a round.
 
-    Times are given (`times`), come every so many minutes between `start` and `end`, or are those at which the sun's
-    zenith angle passes a value. The two `while` conditions leave out the others. Times bear a zone; where the sun
-    is asked for, the rig file needs a [site].
+    Times are listed (`times`), at intervals of minutes between `start` and `end`, or when the sun's zenith angle passes
+    a value. The two `while` conditions leave out rounds. Times need a zone, and conditions on the sun a [site] in the
+    rig file.
     """
 
     times: Annotated[list[AwareDatetime], Field(min_length=1)] | None = None
@@ -212,9 +211,9 @@ class ScheduleSection(Section):
     zenith_passes_deg: Annotated[list[ZenithDeg], Field(min_length=1)] | None = None
     """Zenith angles of the sun whose passing begins a round. Example: `[50.0, 40.0]`."""
     start: AwareDatetime | None = None
-    """Before which there is no round. Example: `2026-06-21T10:00:00+02:00`."""
+    """Earliest time of a round. Example: `2026-06-21T10:00:00+02:00`."""
     end: AwareDatetime | None = None
-    """After which there is no round. Example: `2026-06-21T18:00:00+02:00`."""
+    """Latest time of a round. Example: `2026-06-21T18:00:00+02:00`."""
     duration_h: Annotated[float, Field(gt=0, le=24 * 366)] = 24.0
     """Length of the schedule if no end is given. Example: `24.0`."""
     while_zenith_below_deg: ZenithDeg | None = None
@@ -222,11 +221,11 @@ class ScheduleSection(Section):
     while_zenith_above_deg: ZenithDeg | None = None
     """Leave out rounds with the sun at or within this zenith angle. Example: `20.0`."""
     late_min: PositiveNumber = 5.0
-    """A round that could not begin within this is left out. Example: `5.0`."""
+    """Largest delay of a round; later ones are left out. Example: `5.0`."""
 
     @property
     def needs_sun(self) -> bool:
-        """True if the schedule asks where the sun stands."""
+        """True if the schedule depends on the position of the sun."""
         given = (self.zenith_passes_deg, self.while_zenith_below_deg, self.while_zenith_above_deg)
         return any(value is not None for value in given)
 
@@ -239,16 +238,15 @@ class ScheduleSection(Section):
         return self
 
 
-# What is meant where no region is: the whole of the picture.
+# Name of the whole picture, in place of a region.
 PICTURE = "picture"
 
 
 class SessionFile(Section):
     """Content of a session file.
 
-    `regions` are watched while the session runs: their DoLP and its noise. `reference_region` is the one whose
-    reflectance does not change, such as a white panel: by it the drift of the light is measured. Without one it is
-    the whole picture.
+    `regions` are watched while the session runs: their DoLP and its noise. `reference_region` has a constant
+    reflectance, such as a white panel, and measures the drift of the light; default: the whole picture.
     """
 
     schema_version: Literal[1] = 1
@@ -258,26 +256,26 @@ class SessionFile(Section):
     take: Annotated[list[Take], Field(min_length=1)]
     """Groups of frames, in their order."""
     polarimetry: bool = True
-    """false: scenes of fewer than three polarizer angles are taken too, which give no DoLP. Example: `true`."""
+    """false: also take scenes of fewer than three polarizer angles, without DoLP. Example: `true`."""
     darks: DarkSection | None = None
     """Dark frames among the scene frames."""
     metering: MeteringSection = MeteringSection()
     """Metering of an exposure of "auto"."""
     schedule: ScheduleSection | None = None
-    """When the takes are gone through."""
+    """Times of the takes."""
     interlocks: InterlockSection = InterlockSection()
-    """Checks of the session, and the reaction to each."""
+    """Checks of the session, with reactions."""
     regions: list[Region] = Field(default_factory=list)
     """Regions watched while the session runs."""
     reference_region: Name | None = None
-    """The region whose reflectance does not change; the whole picture without. Example: `"white-panel"`."""
+    """Region of constant reflectance; default: the whole picture. Example: `"white-panel"`."""
 
     @model_validator(mode="after")
     def _regions_are_known(self) -> "SessionFile":
         names = [region.name for region in self.regions]
         require_distinct(names)
         if PICTURE in names:
-            raise ValueError(f"a region cannot be called {PICTURE!r}: that is the whole of it")
+            raise ValueError(f"a region cannot be called {PICTURE!r}, the name of the whole picture")
         if self.reference_region not in (None, *names):
             known = ", ".join(names) or "none"
             raise ValueError(f"reference_region is {self.reference_region!r}; [[regions]] has {known}")

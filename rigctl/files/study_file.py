@@ -1,4 +1,4 @@
-"""The study file: which numbers of which scenes are varied, how, and what is wanted of every case."""
+"""The study file: varied numbers of scenes, and results for every case."""
 
 from math import prod
 from pathlib import Path
@@ -9,17 +9,17 @@ from pydantic import Field, model_validator
 from rigctl.files.toml import Section, load
 
 CaseKind = Literal["grid", "list", "latin", "random", "sobol"]
-# Of these every number is drawn: a parameter needs a law.
+# Kinds with random draws: each parameter needs a law.
 DrawnKind = Literal["latin", "random", "sobol"]
 DRAWN: tuple[DrawnKind, ...] = get_args(DrawnKind)
 MOST_CASES = 10_000_000
 
 
 class VariedSection(Section):
-    """How one number is varied: by values, by a range of steps, or by the law of which it is drawn."""
+    """Variation of one number: by values, steps, or a law for draws."""
 
     values: Annotated[tuple[float, ...] | None, Field(min_length=1)] = None
-    """Its values, in the unit of the scene file; drawn kinds take one of them at random. Example: `[10, 30, 50]`."""
+    """Its values, in the unit of the scene file; kinds with draws choose one at random. Example: `[10, 30, 50]`."""
     start: float | None = None
     """First of `n` values at even steps. Example: `10.0`."""
     stop: float | None = None
@@ -48,12 +48,12 @@ class VariedSection(Section):
 
     @property
     def size(self) -> int:
-        """How many values are listed or stepped through; 0 where it has a law."""
+        """Number of values or steps; 0 for a law."""
         return (self.n or 0) if self.values is None else len(self.values)
 
     @property
     def steps(self) -> tuple[float, ...]:
-        """Its values where they are listed or stepped through; empty where it has a law."""
+        """Its values or steps; empty for a law."""
         if self.values is not None:
             return self.values
         if self.start is None or self.stop is None or self.n is None:
@@ -79,7 +79,7 @@ class CasesSection(Section):
         if (self.kind in DRAWN) != (self.n is not None):
             raise ValueError(f'kind = "{self.kind}" ' + ("needs n" if self.n is None else "takes no n"))
         if self.kind == "sobol" and self.n is not None and self.n & (self.n - 1):
-            raise ValueError(f"n is {self.n}; of sobol it must be a power of two, for instance 256")
+            raise ValueError(f"n is {self.n}; for sobol it must be a power of two, for instance 256")
         for key, one in self.parameters.items():
             if self.kind in ("grid", "list") and one.is_drawn:
                 raise ValueError(f'parameters."{key}": kind = "{self.kind}" needs values, or start, stop and n')
@@ -91,7 +91,7 @@ class CasesSection(Section):
             raise ValueError(f"{told} are {prod(sizes.values())} cases of each scene, allowed are {MOST_CASES}")
         if self.kind == "list" and len(set(sizes.values())) > 1:
             told = ", ".join(f"{key} {size}" for key, size in sizes.items())
-            raise ValueError(f'kind = "list" takes values side by side, as many of each: {told}')
+            raise ValueError(f'kind = "list" takes values side by side and needs equal numbers of them: {told}')
         return self
 
 
@@ -103,16 +103,16 @@ class StudyFile(Section):
     name: Annotated[str, Field(pattern=r"\S")]
     """Name of the study. Example: `"panels over a year"`."""
     scenes: Annotated[tuple[Path, ...], Field(min_length=1)]
-    """Scene files, sought beside this one. Example: `["scene-airborne.toml"]`."""
+    """Scene files, relative to this one. Example: `["scene-airborne.toml"]`."""
     quantities: Annotated[tuple[str, ...], Field(min_length=1)]
     """NAME or NAME.STATISTIC of a region, or p_detection, auc. Example: `["dolp.mean", "dolp_snr", "p_detection"]`."""
     roc: str | None = None
-    """TARGET,BACKGROUND: the pair of which whole ROC curves are kept. Example: `"black_paint,asphalt"`."""
+    """TARGET,BACKGROUND: the pair with whole ROC curves in the result. Example: `"black_paint,asphalt"`."""
     cases: CasesSection
     """What is varied."""
 
 
 def load_study(path: Path) -> StudyFile:
-    """Return the checked study file, its scenes beside it."""
+    """Return the checked study file; its scenes are relative to it."""
     study = load(path, StudyFile)
     return study.model_copy(update={"scenes": tuple((path.parent / scene).resolve() for scene in study.scenes)})

@@ -1,4 +1,4 @@
-"""Files that people write: TOML in, checked records out, every problem named at once with what was meant."""
+"""TOML files to checked records, with all problems and suggestions at once."""
 
 import ast
 import inspect
@@ -29,7 +29,7 @@ from rigctl.version import VERSION
 Key = tuple[int | str, ...]
 
 _ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
-# What a value must be, by what pydantic calls the fault; names in braces are its own facts.
+# Demands on a value by pydantic's type of error; names in braces are its details.
 _TIME = "a time with its zone, such as 2026-05-04T12:00:00Z or 2026-05-04T14:00:00+02:00"
 _DEMANDS = {
     "greater_than": "above {gt:g}",
@@ -63,14 +63,14 @@ _DEMANDS = {
     "dict_type": "a table",
     "dataclass_type": "a table",
 }
-# Of tables that may be written in one line, what one writes.
+# Text for tables that may be written in one line.
 _TABLES = {
     "Uncertain": "a number, {{ value = 1.2, std = 0.1 }} or {{ range = [1.0, 1.4] }}",
     "Rectangle": "{{ x = 70, y = 190, width = 150, height = 130 }}, in pixels",
 }
-# A table of few keys is told whole, where none of them is alike.
+# The most keys of a table that are all listed if none is similar.
 _FEW = 12
-# Files by the tables that only they have; the first that fits.
+# Kinds of files by tables that only they have; the first match.
 _KINDS: tuple[tuple[str, str, frozenset[str]], ...] = (
     ("RigFile", "a rig file", frozenset({"stage", "camera"})),
     ("StudyFile", "a study file", frozenset({"cases"})),
@@ -83,7 +83,7 @@ _IN_MANY = frozenset({"regions", "schema_version"})
 
 
 def other_kind(table: Mapping[str, Any], model: type[BaseModel]) -> str | None:
-    """Return in words that a file is of another kind than the one that is wanted; None where it may be the one."""
+    """Return a message if a file is of another kind than expected; None if not."""
     own = next(((words, keys) for name, words, keys in _KINDS if name == model.__name__), None)
     if own is None or (own[1] <= set(table) and not own[1] <= _IN_MANY):
         return None
@@ -92,12 +92,12 @@ def other_kind(table: Mapping[str, Any], model: type[BaseModel]) -> str | None:
 
 
 def _is_of_kind(table: Mapping[str, Any], keys: frozenset[str]) -> bool:
-    """Return whether a file has what only its kind has; of a kind that has nothing of its own, nothing else."""
+    """Return whether a file has the tables of its kind only; for a kind without own tables, no others."""
     return keys <= set(table) and (not keys <= _IN_MANY or set(table) <= _IN_MANY)
 
 
 def demands(details: Sequence[Any]) -> str:
-    """Return in words what a value must be, from all that pydantic says of it: "must be a number, or 'auto'"."""
+    """Return the demand on a value from pydantic's errors: "must be a number, or 'auto'"."""
     wanted = list(dict.fromkeys(_demand(detail) for detail in details))
     if all(text.startswith("must be ") for text in wanted):
         return ", or ".join([wanted[0], *(text.removeprefix("must be ") for text in wanted[1:])])
@@ -117,14 +117,14 @@ def _demand(detail: Any) -> str:
 
 
 def _alike(given: object, expected: str) -> str:
-    """Return which of the words that are expected was meant; empty where none is alike."""
+    """Return a similar expected word as a suggestion; empty without one."""
     words = re.findall(r"'([^']*)'", expected)
     close = get_close_matches(str(given), words, n=1, cutoff=0.7) if isinstance(given, str) else []
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
 def place_text(key: Key, *, is_table: bool = False) -> str:
-    """Return the place of a value as people count: "second [[take]], exposure_ms" for take.1.exposure_ms."""
+    """Return the place of a value in words: "second [[take]], exposure_ms" for take.1.exposure_ms."""
     texts: list[str] = []
     names: list[str] = []
     for k, part in enumerate(key):
@@ -140,7 +140,7 @@ def place_text(key: Key, *, is_table: bool = False) -> str:
 
 
 def _is_array_of_tables(key: Key, k: int) -> bool:
-    """Return whether an index counts tables: a name stands after it."""
+    """Return whether an index counts tables, with a name after it."""
     return k + 1 < len(key) and isinstance(key[k + 1], str)
 
 
@@ -149,7 +149,7 @@ def _ordinal(k: int) -> str:
 
 
 def meant(key: Key, model: type[BaseModel] | None) -> str:
-    """Return which key may have been meant, for a key that is not known; empty where nothing can be said."""
+    """Return a suggestion for an unknown key; empty without one."""
     if model is None or not key:
         return ""
     here = sorted({name for one in _models_at(model, key[:-1]) for name in one.model_fields})
@@ -163,7 +163,7 @@ def meant(key: Key, model: type[BaseModel] | None) -> str:
 
 
 def needed(key: Key, model: type[BaseModel] | None) -> str:
-    """Return what a table that is missing has to have, so that one reads it all at once; empty for a plain value."""
+    """Return the required keys of a missing table; empty for a plain value."""
     if model is None or not key:
         return ""
     fields = [one.model_fields[str(key[-1])] for one in _models_at(model, key[:-1]) if str(key[-1]) in one.model_fields]
@@ -173,7 +173,7 @@ def needed(key: Key, model: type[BaseModel] | None) -> str:
 
 
 def _elsewhere(name: str, model: type[BaseModel]) -> str:
-    """Return the place of a key of this very name in a table of the file."""
+    """Return the place of a key of this name in another table of the file."""
     for table, field in model.model_fields.items():
         if any(name in one.model_fields for one in _models_of(field.annotation)):
             return f"{table}.{name}"
@@ -190,7 +190,7 @@ def _models_at(model: type[BaseModel], place: Sequence[int | str]) -> list[type[
 
 
 def _models_of(annotation: Any) -> Iterator[type[BaseModel]]:
-    """Yield the tables that a value may be, through lists, unions and what is annotated."""
+    """Yield the possible tables of a value, through lists, unions and annotations."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for inner in get_args(annotation):
@@ -198,7 +198,7 @@ def _models_of(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 class Section(BaseModel):
-    """A table of a file: keys that it does not know are refused."""
+    """A table of a file: unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -206,8 +206,8 @@ class Section(BaseModel):
 class Uncertain(Section):
     """A number with its standard uncertainty.
 
-    In a file: a plain number, ``{value = 1.2, std = 0.1}``, or ``{range = [1.0, 1.4]}`` where any value between two
-    limits is as likely as any other.
+    In a file: a plain number, ``{value = 1.2, std = 0.1}``, or ``{range = [1.0, 1.4]}`` with all values between two
+    limits equally likely.
     """
 
     value: float
@@ -235,7 +235,7 @@ def _of_range(limits: object) -> dict[str, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Within:
-    """Annotation of a number with an uncertainty: the range of its value, with the names that pydantic has."""
+    """Annotation of a number with an uncertainty: the range of its value, in pydantic's terms."""
 
     gt: float | None = None
     ge: float | None = None
@@ -273,7 +273,7 @@ class Within:
         return f"{'not be below' if self.gt is None else 'be above'} {self.least:g}"
 
 
-# Units by the ends of keys, the longer before the shorter.
+# Units by the ends of keys, longest first.
 _UNITS = {
     "_dn_per_e": "DN/e",
     "_e_per_s": "e/s",
@@ -325,10 +325,10 @@ def key_texts(section: type[BaseModel]) -> dict[str, tuple[str, str]]:
 
 
 def with_std_apart(given: object, *names: str) -> object:
-    """Return a table in which each of some numbers is plain, and its standard uncertainty stands beside it.
+    """Return a table in which some numbers are plain, with separate keys for their standard uncertainties.
 
     ``latitude_deg = {value = 43.0, std = 0.1}`` becomes ``latitude_deg = 43.0`` and ``latitude_std_deg = 0.1``. For
-    numbers that most of the program takes as exact.
+    numbers that most of the program uses as exact.
     """
     if not isinstance(given, dict):
         return given
@@ -347,7 +347,7 @@ Share = Annotated[Uncertain, Within(ge=0, le=1)]
 
 FileModel = TypeVar("FileModel", bound=BaseModel)
 
-# What pydantic puts into the place of a value for each kind that it tried there.
+# Pydantic's entries in a place for each type that it tried.
 _KIND_TRIED = re.compile(r"constrained-\w+|float|int|str|bool|(literal|list|tuple|dict)\[.*\]")
 
 
@@ -368,7 +368,7 @@ def load(path: Path, model: type[FileModel]) -> FileModel:
 
 
 def other_schema(content: object, model: type[object]) -> str | None:
-    """Return in words that a file is of another schema than a record reads; None if it is not."""
+    """Return a message if a file has another schema version than a record reads; None if not."""
     found = content if isinstance(content, dict) else {}
     version, read = found.get("schema_version"), _schema_of(model)
     if not isinstance(version, int) or isinstance(version, bool) or read is None or version == read:
@@ -393,7 +393,7 @@ def _schema_of(model: type[object]) -> int | None:
 
 
 def has_any_key(path: Path, *keys: str) -> bool:
-    """Return whether a TOML file has any of some keys, which tell what kind of file it is."""
+    """Return whether a TOML file has any of some keys, which identify its kind."""
     return not _table(path).keys().isdisjoint(keys)
 
 
@@ -403,40 +403,40 @@ def _table(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: is no text file (UTF-8): {error.reason}") from error
+        raise ConfigError(f"{path}: is not a text file (UTF-8): {error.reason}") from error
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: {_toml_problem(path, error)}") from error
     except (RecursionError, ValueError) as error:  # brackets within brackets, a number of thousands of digits
-        raise ConfigError(f"{path}: is no TOML that can be read: {_first_line(error)}") from error
+        raise ConfigError(f"{path}: is not valid TOML: {_first_line(error)}") from error
 
 
-# What stops the reader of TOML, and what has to be written.
+# Error of the TOML reader, and the remedy.
 _TOML_ADVICE = (
-    ("end of a table declaration", "the name of a table stands between brackets, such as [stage]"),
-    ("end of an array declaration", "the name of a list of tables stands between two brackets each, such as [[take]]"),
-    ("Expected '=' after", "a key is followed by = and its value"),
+    ("end of a table declaration", "write the name of a table in brackets, such as [stage]"),
+    ("end of an array declaration", "write the name of a list of tables in double brackets, such as [[take]]"),
+    ("Expected '=' after", "write = and the value after a key"),
     ("Unclosed array", "a list is not closed by a bracket"),
     ("Unclosed inline table", "a table between braces is not closed"),
-    ("Illegal character", "text ends with the quote that it begins with, on the same line"),
-    ("Cannot overwrite", "a key stands twice in its table"),
-    ("Cannot declare", "a table stands twice; a list of tables has two brackets each, such as [[take]]"),
-    ("Expected newline", "something stands behind the value; text stands in quotes, and a comment begins with #"),
+    ("Illegal character", "end text with the quote that begins it, on the same line"),
+    ("Cannot overwrite", "a key occurs twice in its table"),
+    ("Cannot declare", "a table occurs twice; a list of tables has double brackets, such as [[take]]"),
+    ("Expected newline", "there is something after the value; write text in quotes, and begin a comment with #"),
     ("Invalid statement", "a line is KEY = VALUE, [TABLE], or a comment that begins with #"),
 )
 
 
 def _toml_problem(path: Path, error: tomllib.TOMLDecodeError) -> str:
-    """Return in words where a file ceases to be TOML, and what has to be written there."""
+    """Return where a file is not valid TOML, and the remedy."""
     said = str(error)
     place = re.search(r"at line (\d+)", said)
     line = read_bounded(path, MOST_TEXT_BYTES).decode("utf-8").splitlines()[int(place[1]) - 1].strip() if place else ""
     advice = next((advice for words, advice in _TOML_ADVICE if words in said), said)
     value = line.partition("=")[2].strip()
     if re.match(r"-?\d+,\d", value):
-        advice = "numbers are written with a point, such as 2.5"
+        advice = "write numbers with a point, such as 2.5"
     elif "Invalid value" in said:
         is_word = value.lower() in ("true", "false", "yes", "no", "on", "off")
-        advice = "true and false are written in small letters" if is_word else f'text stands in quotes: "{value}"'
+        advice = "write true and false in small letters" if is_word else f'write text in quotes: "{value}"'
         advice = advice if value else "the value is missing"
     where = f"line {place[1]} is no TOML: {shown(line)}" if place else "is no TOML at its end"
     return f"{where}: {advice}"

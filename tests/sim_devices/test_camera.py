@@ -162,7 +162,7 @@ def test_black_frame_is_zero_even_below_the_black_level():
 def test_exposure_that_outlasts_the_wait_uses_no_number_up():
     camera = small_camera()
     camera.configure(exposure_s=2.0, gain_db=0.0)
-    with pytest.raises(DeviceTimeoutError, match=r"exposure is 2\.0 s"):
+    with pytest.raises(DeviceTimeoutError, match=r"exposure of 2\.0 s"):
         camera.take_frame(timeout_s=1.0)
     assert camera.take_frame(timeout_s=3.0).sequence == 0
 
@@ -194,12 +194,12 @@ def test_the_log_grows_from_session_to_session(tmp_path):
 
 def test_a_line_that_is_no_frame_is_refused(tmp_path):
     (tmp_path / "truth.jsonl").write_text('{"sequence": 1}\n')
-    with pytest.raises(ValueError, match="no frame"):
+    with pytest.raises(ValueError, match="not a frame"):
         read_truth(tmp_path / "truth.jsonl")
 
 
 def test_a_file_that_is_no_log_is_not_added_to(tmp_path):
     (tmp_path / "session.toml").write_text("mine")
-    with pytest.raises(FileExistsError, match="no log of exposures"):
+    with pytest.raises(FileExistsError, match="not a log of exposures"):
         TruthLog(tmp_path / "session.toml")
     assert (tmp_path / "session.toml").read_text() == "mine"

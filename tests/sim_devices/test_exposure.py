@@ -232,7 +232,7 @@ def test_offset_does_not_depend_on_whether_there_is_prnu():
     ],
 )
 def test_detector_that_cannot_be_is_refused(name, value):
-    with pytest.raises(ValueError, match=f"{name} is {value}; it has to be"):
+    with pytest.raises(ValueError, match=f"{name} is {value}; it must be"):
         Detector(**{name: value})
 
 
@@ -241,7 +241,7 @@ def test_detector_that_cannot_be_is_refused(name, value):
     [("focal_length_m", 0.0), ("aperture_diameter_m", -0.01), ("transmittance", 0.0), ("transmittance", 1.1)],
 )
 def test_lens_that_cannot_be_is_refused(name, value):
-    with pytest.raises(ValueError, match=f"{name} is {value}; it has to be"):
+    with pytest.raises(ValueError, match=f"{name} is {value}; it must be"):
         Lens(**{name: value})
 
 
@@ -446,5 +446,5 @@ def test_effects_of_one_place_act_in_the_order_of_the_list():
     ],
 )
 def test_number_outside_of_its_range_is_refused(make):
-    with pytest.raises(ValueError, match="it has to be"):
+    with pytest.raises(ValueError, match="allowed is"):
         make()

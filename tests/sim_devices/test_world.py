@@ -133,7 +133,7 @@ def test_polarizer_that_cannot_be_is_refused(change):
 @pytest.mark.parametrize(
     ("radiance", "message"),
     [
-        (np.ones((3, 4)), "has to be"),
+        (np.ones((3, 4)), "must be"),
         (np.ones((4, 2, 2)), "first axis"),
         (np.ones((3, 2, 2)), "is no light"),
         (np.zeros((3, 2, 2)), "is no light"),
@@ -287,5 +287,5 @@ def test_brighter_light_makes_every_pixel_brighter_in_proportion():
 
 
 def test_a_region_without_light_is_refused():
-    with pytest.raises(ValueError, match="no light is given of panel"):
+    with pytest.raises(ValueError, match="no light is given for panel"):
         scene().painted({})

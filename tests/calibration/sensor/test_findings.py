@@ -249,8 +249,8 @@ FEW_BITS: Change = lambda frame: np.full_like(frame, 255) if frame.mean() > 3000
         (lambda: striped((1, SHAPE[1])), 12, "row_noise", False, "DN by column"),
         (lambda: banded(0.004), 12, "banded_light", False, ""),
         (lambda: banded(0.02), 12, "banded_light", True, ""),
-        (lambda: [one for one in levels() if one.kind == "flat"], 12, "missing_levels", True, "At least one of each"),
-        (lambda: [one for one in levels() if one.kind == "dark"], 12, "missing_levels", True, "At least one of each"),
+        (lambda: [one for one in levels() if one.kind == "flat"], 12, "missing_levels", True, "One of each"),
+        (lambda: [one for one in levels() if one.kind == "dark"], 12, "missing_levels", True, "One of each"),
         (lambda: levels(lambda frame: np.full_like(frame, 4095), kinds="flat"), 12, "no_usable_level", True, ""),
         (swapped, 12, "darks_brighter_than_flats", True, ""),
         (lambda: [*levels(), *levels(saturating=True)], 12, "mixed_size", True, "differ in size"),
@@ -450,7 +450,7 @@ def test_dim_flats_with_row_noise_are_not_called_filtered_or_banded() -> None:
 @pytest.mark.parametrize(
     ("stated", "said"),
     [
-        (StatedExposures(where="the column x", unit="ms"), "if seconds stand in the column x, it is"),
+        (StatedExposures(where="the column x", unit="ms"), "if the column x has seconds, it is"),
         (StatedExposures(where="the descriptor", unit="ns"), "--exposure-unit us"),
         (StatedExposures(where="the names of the images"), "with --exposure-unit ns, us, ms or s"),
         (StatedExposures(where="the record of the run", unit="s", has_option=False), "correct the record of the run"),

@@ -116,7 +116,7 @@ def test_another_size_than_before_is_refused(folder):
 
 
 def test_an_empty_folder_does_not_tell_the_size(tmp_path):
-    with pytest.raises(NotConnectedError, match="take one there first"):
+    with pytest.raises(NotConnectedError, match="take one first"):
         open_folder(str(tmp_path))
 
 

@@ -131,7 +131,7 @@ def test_a_plane_is_taken_of_a_mosaic(source, open_camera, plane, places, bits):
         ("reverse_y=1", "ReverseY"),
         ("pixel_format=Mono12&bit_depth=10", "bit_depth"),
         ("black_level_dn=3", "black level"),
-        ("colour=1", "known are"),
+        ("colour=1", "allowed are"),
         ("pixel_format=BayerRG12", "plane="),
         ("pixel_format=Mono12&plane=red", "plane="),
         ("pixel_format=BayerRG12&plane=red&reverse_x=1", "no mirroring"),

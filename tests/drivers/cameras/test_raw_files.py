@@ -66,7 +66,7 @@ def test_a_camera_without_colours_needs_no_plane(tmp_path):
 
 
 def test_a_mosaic_is_not_taken_for_grey(mosaic):
-    with pytest.raises(LimitError, match="say which plane"):
+    with pytest.raises(LimitError, match="choose a plane"):
         read_raw(mosaic, plane=None)
 
 

@@ -88,7 +88,7 @@ def test_one_byte_less_is_refused(picture):
     height, width = counts.shape
     needed = needed_bytes(BY_NAME[name], samples=counts.size)
     data = packed(name, counts.ravel())[: needed - 1]
-    with pytest.raises(ProtocolError, match="cut short"):
+    with pytest.raises(ProtocolError, match="truncated"):
         unpack(data, pixel_format=BY_NAME[name], width=width, height=height)
 
 

@@ -165,7 +165,7 @@ def test_gaps_in_the_numbers_are_counted(video):
 
 def test_no_picture_is_a_timeout(video):
     camera = camera_on(video)
-    with pytest.raises(DeviceTimeoutError, match="no picture"):
+    with pytest.raises(DeviceTimeoutError, match="no new picture"):
         camera.take_frame(timeout_s=0.5)
     assert video.now == 500 * MS
 

@@ -81,7 +81,7 @@ def test_a_damaged_reply_is_an_error_and_the_next_one_is_read(damaged: bytes) ->
 
 def test_a_flood_without_replies_is_not_kept() -> None:
     parser = ReplyParser()
-    with pytest.raises(ProtocolError, match="make no reply"):
+    with pytest.raises(ProtocolError, match="without a reply"):
         parser.feed(b"x" * 1025)
     parser.feed(b"0PO00004600\r\n0GS00\r\n")  # the first of these may be the flood's own end
     assert parser.next_event() == ("0", "GS", "00")

@@ -259,9 +259,9 @@ def test_the_slope_is_that_of_weighted_least_squares():
         (lambda: holm_rejections([0.1], alpha=1.0), "alpha"),
         (lambda: holm_rejections([1.1], alpha=0.05), "p_values"),
         (lambda: _explain(np.zeros(8), effects=np.zeros((8, 1)), noise=np.zeros((8, 8))), "one result needs one"),
-        (lambda: drift_line([0, 1], np.zeros(2), [1, 1]), "three numbers or more"),
-        (lambda: drift_line([1, 1, 1], np.zeros(3), [1, 1, 1]), "three numbers or more"),
-        (lambda: drift_line([0, 1, 2], np.zeros(3), [1, 0, 1]), "three numbers or more"),
+        (lambda: drift_line([0, 1], np.zeros(2), [1, 1]), "at least three numbers"),
+        (lambda: drift_line([1, 1, 1], np.zeros(3), [1, 1, 1]), "at least three numbers"),
+        (lambda: drift_line([0, 1, 2], np.zeros(3), [1, 0, 1]), "at least three numbers"),
     ],
 )
 def test_arguments_without_a_result_are_refused(call, message):

@@ -68,7 +68,7 @@ def test_all_regions_that_do_not_fit_are_named():
     text = str(caught.value)
     assert "wide" in text
     assert "low" in text
-    assert "thin: holds the centre of no pixel" in text
+    assert "thin: contains no pixel centre" in text
     assert "fits" not in text
 
 

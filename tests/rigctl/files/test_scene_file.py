@@ -155,7 +155,7 @@ ZENITH, AZIMUTH = "geometry.camera_zenith_deg", "geometry.camera_azimuth_deg"
         (
             [ZENITH, AZIMUTH, "geometry.camera_roll_deg"],
             [[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]],
-            "correlation is that of no errors",
+            "correlation is impossible",
         ),
     ],
 )

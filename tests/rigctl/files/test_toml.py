@@ -61,7 +61,7 @@ def test_numbers_that_are_not_finite_are_refused(tmp_path, number):
 
 
 def test_no_toml_is_said_with_its_place(tmp_path):
-    with pytest.raises(ConfigError, match=r"line 2 is no TOML"):
+    with pytest.raises(ConfigError, match=r"line 2 is not valid TOML"):
         load(_written(tmp_path, "size = 3\nwidth = = 4"), Example)
 
 

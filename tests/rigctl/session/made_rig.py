@@ -155,7 +155,7 @@ def silent():
 
 
 def unplugged():
-    return NotConnectedError("stand-in: it has gone away")
+    return NotConnectedError("stand-in: it has disconnected")
 
 
 def stalled():

@@ -222,7 +222,7 @@ def test_exposures_are_metered_once_for_all_angles(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("before", "after", "words"),
     [
-        ("mosaic_deg = [90, 45, 135, 0]", "mosaic_deg = [90, 45, 135, 92]", "differ from one another"),
+        ("mosaic_deg = [90, 45, 135, 0]", "mosaic_deg = [90, 45, 135, 92]", "must differ"),
         ("mosaic_deg = [90, 45, 135, 0]\n", "", "interpolation|stage: is missing"),
         ('"sim:mosaic"', '"sim:gc780"', "no polarizers on its pixels"),
         ("[simulation]\n", '[stage]\ndriver = "ellx"\nport = "sim:ellx"\n[simulation]\n', "leave one of them out"),

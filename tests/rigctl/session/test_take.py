@@ -259,7 +259,7 @@ UNPLUGGED = SessionFile.model_validate(
 )
 def test_a_stage_whose_port_vanishes(tmp_path, command, frames):
     rig = small_rig(tmp_path, port=f"sim:ellx?speed=200&vanish={command}&back=3600")
-    with pytest.raises(NotConnectedError, match=r"port.*(gone away|Check the cable|no such port)"):
+    with pytest.raises(NotConnectedError, match=r"port.*(disconnected|Check the cable|no such port)"):
         take_session(rig, UNPLUGGED, tmp_path / "run", files={})
     if frames is not None:
         assert len(read_run(tmp_path / "run").frames) >= frames

@@ -58,7 +58,7 @@ def test_status_in_json_has_them_as_numbers(run, capsys):
 def test_the_log_prints_events_in_words(run, capsys):
     lines = _said(capsys, "status", "--log", run).out.splitlines()
     assert lines[0].startswith("2026-05-04T13:06:40Z  homed")
-    assert any("interlock: gone; action: retry; message: stand-in: it has gone away" in line for line in lines)
+    assert any("interlock: gone; action: retry; message: stand-in: it has disconnected" in line for line in lines)
     assert lines[-1].endswith("finished        frames: 6; rounds missed: 0")
 
 

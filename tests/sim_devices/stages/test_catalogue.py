@@ -52,8 +52,8 @@ def test_every_key_is_read() -> None:
 @pytest.mark.parametrize(
     ("address", "problem"),
     [
-        ("sim:smc100", "there are sim:ellx, sim:zaber, sim:apt"),
-        ("/dev/ttyUSB0", "there are sim:ellx"),
+        ("sim:smc100", "allowed are sim:ellx, sim:zaber, sim:apt"),
+        ("/dev/ttyUSB0", "allowed are sim:ellx"),
         ("sim:zaber?fault=XX@1", "a warning flag that begins with F"),
         ("sim:apt?model=BSC201", "one of K10CR1, K10CR2, KDC101"),
         ("sim:apt?fault=0@1", "status bits"),
