@@ -1,4 +1,4 @@
-"""Tables that people write as CSV: a line that names the columns, then rows of texts or of numbers.
+"""CSV tables: a header line, then rows of texts or of numbers.
 
 Wrong cells of a table of numbers are reported at once, each with its line, up to twenty. Its lines that begin with #
 are skipped.
@@ -18,21 +18,21 @@ from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
 
 Columns = dict[str, NDArray[np.float64]]
-#: Rows of a table with the numbers of their lines; the first one names the columns.
+#: Rows of a table with their line numbers; the first is the header.
 Lines = list[tuple[int, list[str]]]
-#: Name of a column, rows in which its number is wrong, and the words that follow "must".
+#: Name of a column, rows with wrong numbers, and the words after "must".
 Problem = tuple[str, NDArray[np.bool_], str]
 _MOST_PROBLEMS = 20
 _Row = TypeVar("_Row")
 
 
 def csv_rows(path: Path) -> list[dict[str, str | None]]:
-    """Return the rows of a table below its first line, which names the columns; ConfigError if it cannot be read."""
+    """Return the rows of a table below its header; ConfigError if it cannot be read."""
     return _read(path, csv.DictReader)
 
 
 def read_number_table(path: Path, *, needs: Sequence[str], may_have: Sequence[str] = ()) -> Columns:
-    """Return the columns of a CSV file by name; columns of other names are left out.
+    """Return the requested columns of a CSV file by name.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def _read(path: Path, reader: Callable[[Iterable[str]], Iterable[_Row]]) -> list
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except (UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"{path}: is no text of commas and lines: {error}") from error
+        raise ConfigError(f"{path}: is not a CSV file: {error}") from error
 
 
 def header_of(lines: Lines) -> list[str]:
@@ -71,7 +71,7 @@ def columns_of(
     may_have: Sequence[str] = (),
     problems_of: Callable[[Columns], Iterable[Problem]] = lambda _: (),
 ) -> Columns:
-    """Return columns as numbers; `problems_of` says which of the numbers are outside of their range."""
+    """Return columns as numbers; `problems_of` finds numbers out of range."""
     header, rows = header_of(lines), lines[1:]
     lacking = [name for name in needs if name not in header]
     if lacking:

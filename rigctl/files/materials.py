@@ -224,7 +224,7 @@ _NIST = ("lambda", "thetai", "phi", "thetar", "phir", "f_r11")
 _OWN = ("incidence_deg", "reflection_deg", "azimuth_deg", "wavelength_nm", "f00_per_sr")
 _ELEMENTS = tuple((i, j) for i in range(3) for j in range(3))
 _MATRIX = tuple(f"m{i}{j}" for i, j in _ELEMENTS[1:])
-# An element over f00 cannot exceed 1 but for noise.
+# An element over f00 exceeds 1 only by noise.
 _RATIO_MOST = 1.2
 
 
@@ -234,7 +234,7 @@ def read_brdf_table(path: Path) -> MeasuredTable:
     Raises
     ------
     ConfigError
-        The file cannot be read or its layout is not known; else with all rows that are wrong, up to twenty.
+        The file cannot be read, its layout is unknown, or rows are wrong (up to twenty are listed).
     """
     lines = csv_lines(path)
     header = header_of(lines)
@@ -260,7 +260,7 @@ def read_brdf_table(path: Path) -> MeasuredTable:
 def _nist_problems(columns: Columns) -> Iterator[Problem]:
     yield "lambda", columns["lambda"] <= 0.0, "be above 0 [um]"
     yield "thetai", np.abs(columns["thetai"]) >= 90.0, "lie between -90 and 90"
-    yield "phi", columns["phi"] != 0.0, "be 0: incidence in the plane of the instrument"
+    yield "phi", columns["phi"] != 0.0, "be 0, for incidence in the plane of the instrument"
     yield "thetar", (columns["thetar"] < 0.0) | (columns["thetar"] >= 90.0), "lie in [0, 90)"
     yield "f_r11", columns["f_r11"] <= 0.0, "be above 0"
     for i, j in _ELEMENTS[1:]:
