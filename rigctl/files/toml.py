@@ -438,7 +438,7 @@ def _toml_problem(path: Path, error: tomllib.TOMLDecodeError) -> str:
         is_word = value.lower() in ("true", "false", "yes", "no", "on", "off")
         advice = "write true and false in small letters" if is_word else f'write text in quotes: "{value}"'
         advice = advice if value else "the value is missing"
-    where = f"line {place[1]} is no TOML: {shown(line)}" if place else "is no TOML at its end"
+    where = f"line {place[1]} is not valid TOML: {shown(line)}" if place else "is no TOML at its end"
     return f"{where}: {advice}"
 
 

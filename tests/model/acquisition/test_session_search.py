@@ -78,7 +78,7 @@ def test_grouped_frames_have_no_cycles_to_count():
 
 
 def test_a_detection_needs_a_pair():
-    with pytest.raises(ValueError, match="which target"):
+    with pytest.raises(ValueError, match="pair of target"):
         found(Wanted(p_detection=0.9))
 
 

@@ -122,7 +122,7 @@ def test_files_that_do_not_serve_are_refused_with_the_reason(tmp_path: Path) -> 
     assert read_aeronet([depth_file(tmp_path, kind="Daily Averages")], near=datetime(2010, 5, 26, 3, 0, tzinfo=UTC))
     with pytest.raises(ConfigError, match=r"is of level 1\.0"):
         read_aeronet([depth_file(tmp_path, level="1.0")], near=None)
-    with pytest.raises(ConfigError, match="no optical depth"):
+    with pytest.raises(ConfigError, match="lack optical depths"):
         read_aeronet(
             [depth_file(tmp_path, NOON.replace("0.100000,0.14,0.21,0.240000", "-999.,-999.,-999.,-999."))], near=None
         )

@@ -48,7 +48,7 @@ def test_a_scene_of_materials_is_read(tmp_path):
         (
             'material = "asphalt"',
             "stokes_radiance = [1, 0, 0]\ntexture_covariance = [[1, 2, 0], [2, 1, 0], [0, 0, 1]]",
-            "texture_covariance is no covariance",
+            "texture_covariance is not a covariance",
         ),
         ('material = "asphalt"', "stokes_radiance = [1, 0, 0]\ntexture_diagonal = [0, 0, 0]", "is for a material"),
         ("azimuth_deg = 180.0\n", "", "also needs sun.azimuth_deg"),
@@ -149,8 +149,8 @@ ZENITH, AZIMUTH = "geometry.camera_zenith_deg", "geometry.camera_azimuth_deg"
         ([ZENITH, AZIMUTH], [[1.0, 0.5]], "correlation needs 2 rows of 2 numbers"),
         ([ZENITH, ZENITH], [[1.0, 0.5], [0.5, 1.0]], "names one twice"),
         ([ZENITH], [[1.0]], "pointing.parameters"),
-        ([ZENITH, "regions.sea.tilt_deg"], [[1.0, 0.5], [0.5, 1.0]], "'regions.sea.tilt_deg' is no angle"),
-        ([ZENITH, "noise.prnu"], [[1.0, 0.5], [0.5, 1.0]], "'noise.prnu' is no angle of camera or panel"),
+        ([ZENITH, "regions.sea.tilt_deg"], [[1.0, 0.5], [0.5, 1.0]], "'regions.sea.tilt_deg' is not an angle"),
+        ([ZENITH, "noise.prnu"], [[1.0, 0.5], [0.5, 1.0]], "'noise.prnu' is not an angle of camera or panel"),
         ([ZENITH, "regions.paint.tilt_deg"], [[1.0, 0.5], [0.5, 1.0]], "regions.paint.tilt_deg is stated as exact"),
         (
             [ZENITH, AZIMUTH, "geometry.camera_roll_deg"],

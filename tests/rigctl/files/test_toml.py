@@ -73,7 +73,7 @@ def test_a_file_that_is_not_there_is_said(tmp_path):
 def test_a_file_that_is_no_text_is_said(tmp_path):
     path = tmp_path / "picture.toml"
     path.write_bytes(b"\x89PNG\xff\xfe\x00")
-    with pytest.raises(ConfigError, match="no text file"):
+    with pytest.raises(ConfigError, match="not a text file"):
         load(path, Example)
 
 
