@@ -35,11 +35,13 @@ start = time.process_time()
 calibrate_frames(emva_frames(Path(sys.argv[1])))
 print(time.process_time() - start)
 """
+# Not `ru_maxrss`, which a process inherits from the one that started it.
 _PEAK = """
-import resource, sys
+import re, sys
+from pathlib import Path
 from rigctl.cli import main
 main(sys.argv[1:])
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+print(int(re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1]) / 1024)
 """
 
 

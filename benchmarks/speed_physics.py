@@ -1,15 +1,11 @@
 """Accuracy against time of the physics: BRDF beside pySCATMECH and Mitsuba, sky beside sasktran2, laws beside draws."""
 
 import importlib.util
-import os
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from math import cos, radians
 from pathlib import Path
-
-# Before numpy is imported: its libraries read this once.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 

@@ -4,7 +4,6 @@ python -m benchmarks.trials                 every trial, as `make trials` does
 python -m benchmarks.trials NAME [OPTIONS]  a single one; `--help` lists its options
 """
 
-import os
 import sys
 
 from cyclopts import App
@@ -44,8 +43,6 @@ TRIALS = {
 
 def main() -> int:
     """Run one trial or all; return 1 where one fails."""
-    # Workers are as many as cores, so linear algebra must not start threads of its own.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     app = App(name="trials", help=__doc__, result_action="return_value")
     for name, place in TRIALS.items():
         app.command(place if place.startswith("tests.") else f"benchmarks.trials.{place}", name=name)
