@@ -43,16 +43,6 @@ def index(root: Root, /) -> "IndexUpdate":
     ----------
     root : path
         Folder with runs at any depth below it.
-
-    Returns
-    -------
-    IndexUpdate
-        How many runs there are, and how many are new, changed, gone and damaged.
-
-    Raises
-    ------
-    ConfigError, DataError
-        There is no such folder, or the index cannot be written or is another file.
     """
     from rigctl.archive.index import update_index
 
@@ -95,16 +85,6 @@ def find(root: Root, expression: str, /, *, csv: bool = False) -> "FoundRows":
         SQL condition on the columns of the index.
     csv : bool
         Print CSV with all columns.
-
-    Returns
-    -------
-    FoundRows
-        A row for each run and each of its regions.
-
-    Raises
-    ------
-    ConfigError, DataError
-        The expression cannot be read, or the archive has no index.
     """
     from rigctl.archive.index import find as found_in
 
@@ -159,16 +139,6 @@ def health(root: Root, /) -> "RigHealth":
     ----------
     root : path
         Folder with runs at any depth below it.
-
-    Returns
-    -------
-    RigHealth
-        A row for each run, changes, and numbers that stand out.
-
-    Raises
-    ------
-    ConfigError
-        There is no such folder.
     """
     from rigctl.archive.health import health_of
     from rigctl.archive.index import found_below, require_folder
@@ -273,16 +243,6 @@ def compare(
         Scene file.
     **options
         As of a single run, and which runs, see `ManyCompared`.
-
-    Returns
-    -------
-    ArchiveRows
-        A row for each run.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file that all runs need is wrong, dask or a scheduler is not there, or the folder is in use.
     """
     from rigctl.verbs.compare import require_possible
 
@@ -308,16 +268,6 @@ def stokes(root: Root, /, *, out: Out, **options: Unpack[ManyMeasured]) -> Resul
         Folder for table, page and finished runs.
     **options
         As of a single run, and which runs, see `ManyMeasured`.
-
-    Returns
-    -------
-    ArchiveRows
-        A row for each run.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file that all runs need is wrong, dask or a scheduler is not there, or the folder is in use.
     """
     return _over_runs("stokes", root, out, options)
 
@@ -340,16 +290,6 @@ def verify(root: Root, /, *, out: Out, **options: Unpack[ManyRuns]) -> Result:
         Folder for table, page and finished runs.
     **options
         Which runs, see `ManyRuns`.
-
-    Returns
-    -------
-    ArchiveRows
-        A row for each run.
-
-    Raises
-    ------
-    ConfigError, DataError
-        dask or a scheduler is not there, or the folder is in use.
     """
     return _over_runs("verify", root, out, options)
 
@@ -375,16 +315,6 @@ def recalibrate(root: Root, /, *, out: Out, scene: FilePath | None = None, **opt
         Scene file, for its regions.
     **options
         As of a single run, and which runs, see `ManyMeasured`.
-
-    Returns
-    -------
-    ArchiveRows
-        A row for each run.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file that all runs need is wrong, dask or a scheduler is not there, or the folder is in use.
     """
     if options.get("regions") is None and scene is None:
         raise ConfigError("give --regions FILE, or --scene FILE for its regions: numbers are of regions")

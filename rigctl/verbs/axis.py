@@ -89,16 +89,6 @@ def axis(
         Rig file to update with sense, offset and extinction.
     **frames
         See `RunOptions`.
-
-    Returns
-    -------
-    AxisResult
-        The calibration, of the whole picture and of regions.
-
-    Raises
-    ------
-    ConfigError, DataError, CalibrationError
-        A number or a file is wrong, the scans are unfit, or they do not tell the sense of rotation; nothing is written.
     """
     from rigctl.calibrations.polarizer import polarizer_content, require_writable_rig, write_into_rig
     from rigctl.calibrations.polarizer_scan import load_generator, polarimeter_maps

@@ -64,18 +64,6 @@ def bundle(
         Number of frames to pack, spread over the run.
     trace : path
         Trace file to pack, written by `rigctl acquire --trace`.
-
-    Returns
-    -------
-    Bundle
-        What was packed.
-
-    Raises
-    ------
-    RunFolderError
-        The folder is not a run.
-    ConfigError
-        The file cannot be written, or the trace cannot be read.
     """
     from rigctl.runs.folder import ANNOTATIONS_FILE, INPUTS_FOLDER, MANIFEST_FILE, read_contents
     from rigctl.runs.records import EVENTS_FILE, SESSION_FILE

@@ -122,18 +122,6 @@ def noise(
         Largest picture that is read [MB of samples].
     **frames
         See `RunOptions`.
-
-    Returns
-    -------
-    NoiseResult
-        The calibration.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file is wrong, or cannot be written.
-    RefusedFramesError
-        The frames are unfit, with the flags that say why; nothing is written.
     """
     from rich.progress import Progress
 
@@ -310,16 +298,6 @@ def doubling(
         Temperature of each file, where the frames do not record it. Repeatable.
     by_variance : bool
         Take the dark current by variance: for cameras that clamp their black level.
-
-    Returns
-    -------
-    DoublingResult
-        Doubling interval with its standard error.
-
-    Raises
-    ------
-    ConfigError, DataError, CalibrationError
-        Too few files, or one without temperature or dark current, or of another camera.
     """
     import numpy as np
 
@@ -408,16 +386,6 @@ def flat(
         Validity [days]; default: 30.
     **frames
         See `RunOptions`.
-
-    Returns
-    -------
-    FlatResult
-        Flat fields, and the numbers of their file.
-
-    Raises
-    ------
-    ConfigError, DataError, CalibrationError
-        The file cannot be written, or the frames are unfit.
     """
     from rigctl.calibrations.flat import flat_of_run
     from rigctl.calibrations.record import write_whole
@@ -497,16 +465,6 @@ def lens(
         Side of a square [mm].
     out : path
         Calibration file to write, such as lens.json. Optional in Python.
-
-    Returns
-    -------
-    LensResult
-        The lens, and the content of its file.
-
-    Raises
-    ------
-    ConfigError, DataError, CalibrationError
-        A picture cannot be read, or too few show the board.
     """
     from calibration.pointing.pose import calibrate_lens
     from rigctl.calibrations.lens import lens_content
@@ -597,16 +555,6 @@ def radiometric(
         Validity [days]; default: 90.
     **frames
         See `RunOptions`.
-
-    Returns
-    -------
-    RadiometricResult
-        Counts per unit of radiance.
-
-    Raises
-    ------
-    ConfigError, DataError, CalibrationError
-        A file is wrong or cannot be written, or the run is unfit.
     """
     from rigctl.calibrations.noise import NoiseParameters
     from rigctl.calibrations.record import write_content
@@ -697,16 +645,6 @@ def registration(
         Write the file even if no shift is significant.
     **frames
         See `RunOptions`.
-
-    Returns
-    -------
-    RegistrationResult
-        Shift of each angle.
-
-    Raises
-    ------
-    ConfigError, DataError, CalibrationError
-        The file cannot be written, or the pictures are unfit.
     """
     from rigctl.calibrations.record import write_content
     from rigctl.calibrations.registration import register_run

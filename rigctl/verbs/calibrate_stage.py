@@ -58,16 +58,6 @@ def stage(
         Time of observation after each move [s].
     band_deg : float
         Width of the band of readings that counts as rest [deg].
-
-    Returns
-    -------
-    StageCalibration
-        Errors and settling of each visit, and the content of the file.
-
-    Raises
-    ------
-    ConfigError, DeviceError
-        A file is wrong, or the stage fails.
     """
     from rigctl.base.durable import write_durably
     from rigctl.files.rig_file import load_rig

@@ -53,16 +53,6 @@ def demo(
         Send the pictures as GigE Vision packets (needs libaravis).
     lost : float
         With --gige: share of packets that are lost, 0 to 1.
-
-    Returns
-    -------
-    ComparisonResult
-        The comparison, which is also written into the folder.
-
-    Raises
-    ------
-    ConfigError
-        The folder is not empty.
     """
     from rigctl.files.rig_file import load_rig
     from rigctl.rig.roof import perturbed

@@ -66,16 +66,6 @@ def detect(
         Folder for map, curves and numbers. Optional in Python.
     **frames
         See `RunOptions`.
-
-    Returns
-    -------
-    DetectResult
-        Map, measured and predicted ROC.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file is wrong, a region does not exist, or a region cannot serve as a background.
     """
     import numpy as np
 

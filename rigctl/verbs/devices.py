@@ -33,16 +33,6 @@ def devices(*, probe: bool = False, port: Sequence[str] = ()) -> "FoundDevices":
         Talk to every port; this may disturb devices of other kinds.
     port : sequence of str
         Check only this port, and no cameras. It may be a pseudo-terminal. Repeatable.
-
-    Returns
-    -------
-    FoundDevices
-        Ports with the stages behind them, and cameras.
-
-    Raises
-    ------
-    ConfigError
-        There is no such port.
     """
     from drivers.discovery import find_stages
     from drivers.serial_port import serial_ports

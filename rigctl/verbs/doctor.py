@@ -55,16 +55,6 @@ def doctor(
         Number of pictures to take as a test.
     try_notices : bool
         Only send a test notice, as [notify] of the rig file says.
-
-    Returns
-    -------
-    CheckUp
-        Findings, and those that ask for a change.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file is wrong, or the folder cannot be written.
     """
     from rigctl.files.rig_file import load_rig
 

@@ -71,16 +71,6 @@ def effects(
         Folder for effects.png (chart of the bounds against the tolerance) and effects.json.
     **options
         Which effects are forced, see `EffectOptions`.
-
-    Returns
-    -------
-    EffectsResult or RenderingResult
-        Decisions on the effects of a scene; times of the effects of a simulated camera.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file is wrong, a number is outside its range, or there is no such effect.
     """
     from rigctl.files.toml import has_any_key
 

@@ -64,18 +64,6 @@ def export(
         Regions file, for csv; with --of stokes, only pixels of the regions are written.
     **frames
         Calibrations and corrections, for csv and stokes, and which frames are read, see `FrameOptions`.
-
-    Returns
-    -------
-    ExportedRun
-        What was written.
-
-    Raises
-    ------
-    ConfigError
-        The place is taken, the library that writes the format is not installed, or csv has no regions.
-    DataError
-        A frame is damaged, or frames differ in size where one array holds all.
     """
     from rigctl.base.durable import PART_SUFFIX
     from rigctl.files.rig_file import unset_polarizer

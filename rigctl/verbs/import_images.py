@@ -126,18 +126,6 @@ def import_images(
         Folder for results: also measure the run, as rigctl stokes does.
     **frames
         Calibrations and corrections for that, see `FrameOptions`.
-
-    Returns
-    -------
-    ImportedRun
-        The new frames, and what was recognised in the files.
-
-    Raises
-    ------
-    ConfigError
-        Something is not stated, or stated wrongly: one message with every problem.
-    DataError
-        The files are unfit, or contradict what is stated: one message with every problem.
     """
     from rigctl.images import image_files
     from rigctl.imports.images import ImportRequest

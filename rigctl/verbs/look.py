@@ -58,18 +58,6 @@ def look(
         Largest picture that is read [MB of samples].
     out : path
         Picture to write.
-
-    Returns
-    -------
-    LookResult
-        The maps as arrays.
-
-    Raises
-    ------
-    ConfigError
-        The angles are not known, or are fewer than three.
-    DataError
-        A file is no image, or images differ in size.
     """
     import numpy as np
 

@@ -95,11 +95,6 @@ def new(
         Elevation of the rig above the sea.
     no_input : bool
         Never ask; fail if something is missing.
-
-    Raises
-    ------
-    ConfigError
-        The folder is not empty, or one of two options that belong together is missing.
     """
     if simulated and (stage is not None or camera is not None):
         raise ConfigError("--simulated: has a stage and a camera of its own; leave out --stage and --camera")

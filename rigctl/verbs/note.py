@@ -64,16 +64,6 @@ def note(
         Name of the author; default: the login name.
     utc_ns
         Clock [ns since 1970 UTC].
-
-    Returns
-    -------
-    Noted
-        The line that was written, and the frames that are excluded now.
-
-    Raises
-    ------
-    ConfigError, RunFolderError
-        A text cannot be taken, there are no such frames, or the folder is not a sound run.
     """
     from rigctl.runs.folder import read_run
 

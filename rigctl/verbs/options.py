@@ -38,26 +38,14 @@ else:
 
 
 def scene_file_of(scene: ScenePath) -> "SceneFile":
-    """Return a scene file, read unless it was read already.
-
-    Raises
-    ------
-    ConfigError
-        The file is wrong.
-    """
+    """Return a scene file, read unless it was read already."""
     from rigctl.files.scene_file import scene_file
 
     return scene_file(Path(scene) if isinstance(scene, str) else scene)
 
 
 def regions_of(regions: RegionsPath | None) -> "list[Region]":
-    """Return the regions of a file or of a program; none where none are given.
-
-    Raises
-    ------
-    ConfigError
-        The file is wrong.
-    """
+    """Return the regions of a file or of a program; none where none are given."""
     from rigctl.files.regions import load_regions
 
     return load_regions(Path(regions)) if isinstance(regions, str | Path) else list(regions or ())
@@ -218,13 +206,7 @@ class EngineOptions(TypedDict, total=False):
 
 
 def engine_of(options: EngineOptions) -> "mapped.Engine":
-    """Return where the work is done.
-
-    Raises
-    ------
-    ConfigError
-        A scheduler and a number of workers are given.
-    """
+    """Return where the work is done."""
     from rigctl import mapped
 
     scheduler, workers = options.get("scheduler"), options.get("workers")
@@ -234,13 +216,7 @@ def engine_of(options: EngineOptions) -> "mapped.Engine":
 
 
 def calibrations_of(frames: FrameOptions | ScaledOptions) -> "CalibrationPaths":
-    """Return the calibration files that the options name, and the store that the others are picked from.
-
-    Raises
-    ------
-    ConfigError
-        The store that is named is no folder.
-    """
+    """Return the calibration files that the options name, and the store that the others are picked from."""
     from rigctl.measure.calibrations import calibration_paths
 
     named: dict[CalibrationKind, FilePath | None] = {
@@ -303,13 +279,7 @@ extend_help(PredictOptions, EffectOptions)
 
 
 def changes_of(changes: Changes) -> dict[str, float]:
-    """Return the numbers that are changed, by their keys.
-
-    Raises
-    ------
-    ConfigError
-        A text cannot be read, or a number is given twice.
-    """
+    """Return the numbers that are changed, by their keys."""
     from rigctl.scene.scene import parse_changes
 
     return dict(changes) if isinstance(changes, Mapping) else parse_changes(changes)

@@ -70,16 +70,6 @@ def paper(
         Instead, compare estimators of the true DoLP: bias and rms error against the signal-to-noise ratio.
     out : path
         Folder for paper.html, statements.csv and .json, curves.csv, and a picture of each figure; or estimators.png.
-
-    Returns
-    -------
-    PaperResult or EstimatorResult
-        Verdicts on the statements; errors of the estimators.
-
-    Raises
-    ------
-    ConfigError
-        A figure is not there, or a file is wrong.
     """
     from rigctl.paper.check import check_paper
 

@@ -91,16 +91,6 @@ def pointing(
         Time of the picture with the sun; default: the middle of the run.
     write : path
         Scene file to update with the angles.
-
-    Returns
-    -------
-    PointingResult
-        Angles with their errors.
-
-    Raises
-    ------
-    ConfigError, DataError, CalibrationError
-        A text or a file is wrong, nothing is known, or an outline is not that of a panel of this size.
     """
     from calibration.pointing.pose import fuse, panel_tilt, sun_in_picture
     from rigctl.files.scene_file import write_into_scene

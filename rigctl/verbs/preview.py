@@ -61,13 +61,6 @@ def preview(
         JPEG file to overwrite with each picture, instead of a page.
     frames : int
         Number of pictures after which to stop.
-
-    Raises
-    ------
-    ConfigError
-        A file is wrong or cannot be written, or nothing can listen at that address.
-    DeviceError
-        The camera fails.
     """
     from rigctl.files.rig_file import load_rig, placeholder_doubt
     from rigctl.web.rig import Task

@@ -58,16 +58,6 @@ def draw(
         Print the address without opening a browser.
     **frames
         Which frames are read, see `RunOptions`.
-
-    Returns
-    -------
-    WrittenRegions
-        The regions, with the markers that the picture shows.
-
-    Raises
-    ------
-    DataError
-        The run gives no picture, or nothing was drawn in time.
     """
     from rigctl.files.regions import Markers
     from rigctl.outlines import search_markers
@@ -110,16 +100,6 @@ def mark(
         Family of the printed markers.
     **frames
         Which frames are read, see `RunOptions`.
-
-    Returns
-    -------
-    WrittenRegions
-        The regions with their markers.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file is wrong, or no marker is seen.
     """
     from rigctl.files.regions import Markers
     from rigctl.outlines import search_markers
@@ -149,16 +129,6 @@ def find(run: RunPath, regions: FilePath, /, *, out: Followed, **frames: Unpack[
         Regions file to write.
     **frames
         Which frames are read, see `RunOptions`.
-
-    Returns
-    -------
-    FoundRegions
-        How far each region went.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file is wrong, or a region has lost its markers.
     """
     from rigctl.files.regions import RegionsFile
     from rigctl.outlines import follow_markers, moved_markers, search_markers

@@ -66,16 +66,6 @@ def serve(
         Make new addresses; the old ones stop working.
     open_page : bool
         Open the page in this machine's browser.
-
-    Returns
-    -------
-    ServedPage
-        Addresses of the page; `.follow` answers until Ctrl-C.
-
-    Raises
-    ------
-    ConfigError
-        A file is wrong, a folder is missing, or nothing can listen at that address.
     """
     from rigctl.web.page import page_app
     from rigctl.web.run_reader import RunsOfFolder, source_at

@@ -85,16 +85,6 @@ def plan(
         Picture size of a real camera, WIDTHxHEIGHT, to compute the disk space.
     all_steps : bool
         Print all rounds and steps.
-
-    Returns
-    -------
-    PlannedSession
-        Steps and rounds in time, and the predictions.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file is wrong, the schedule has no round, or the light of the scene needs a site.
     """
     from rigctl.calibrations.store import store_doubts
     from rigctl.files.rig_file import load_rig, placeholder_doubt
@@ -260,16 +250,6 @@ def resume(run: RunPath, /, *, ask: Ask = "terminal") -> "SessionResult":
         Run folder.
     ask : {"terminal", "hold"}
         When the lens has to be covered: ask at the terminal, or hold until `rigctl resume`.
-
-    Returns
-    -------
-    SessionResult
-        The process that was asked to continue, or how the rest of the session went.
-
-    Raises
-    ------
-    ConfigError, DeviceError, RunFolderError
-        The run was not made by a session, its devices are others now, one fails, or the folder cannot be written.
     """
     from rigctl.runs.folder import writing_process
     from rigctl.session.control import ask_process, outliving_terminal
@@ -304,11 +284,6 @@ def hold(run: RunPath, /) -> "Asked":
     ----------
     run : path or Run
         Run folder.
-
-    Raises
-    ------
-    RunFolderError
-        No session writes into this run.
     """
     return _ask_running(Path(run), "hold")
 
@@ -322,11 +297,6 @@ def stop(run: RunPath, /) -> "Asked":
     ----------
     run : path or Run
         Run folder.
-
-    Raises
-    ------
-    RunFolderError
-        No session writes into this run.
     """
     return _ask_running(Path(run), "stop")
 

@@ -36,11 +36,6 @@ def stage(
         Path of the port to make, such as /tmp/stage.
     truth : path
         CSV file to write: simulated time [s], true angle [deg].
-
-    Raises
-    ------
-    ConfigError
-        The address is wrong, or a file cannot be written.
     """
     from rigctl.rig.simulation import serve_stage
 
@@ -78,11 +73,6 @@ def camera(
         Rig file with the scene that the camera sees; default: the rig of the demo.
     lost : float
         Share of packets that are lost, 0 to 1.
-
-    Raises
-    ------
-    ConfigError
-        The address or the rig file is wrong.
     """
     from rigctl.rig.simulation import serve_rig_camera
 
@@ -105,11 +95,6 @@ def lens(rig: FilePath, /, *, defocus_mm: float) -> "LensResult":
         Rig file with a simulated camera.
     defocus_mm : float
         Distance of the detector from the focus, -5 to 5 mm; 0 is sharp.
-
-    Raises
-    ------
-    ConfigError
-        The rig has no simulated camera, or the distance is out of range.
     """
     from rigctl.rig.simulated_parts import turn_lens
 

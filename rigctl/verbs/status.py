@@ -68,18 +68,6 @@ def status(
         With --log: only the last N events.
     **frames
         With --contents and --page: which frames are read, see `RunOptions`.
-
-    Returns
-    -------
-    SessionStatus, RunContents, SessionLog or SessionPage
-        The last three if `contents`, `log` or `page` ask for them.
-
-    Raises
-    ------
-    ConfigError
-        More than one of `contents`, `log` and `page` is asked for.
-    RunFolderError
-        The folder is not a run, or a file of it is damaged.
     """
     from rigctl.runs.check import used_run
 

@@ -41,16 +41,6 @@ def list_store(
         Run folder or rig file: show which calibrations are picked for it, and why.
     at : str
         Time for which ages are shown, with a time zone; default: now.
-
-    Returns
-    -------
-    StoreResult
-        Calibrations with their ages, and the choices for a run or rig.
-
-    Raises
-    ------
-    ConfigError, DataError
-        There is no such folder, run or rig file.
     """
     from rigctl.calibrations.made_for import MadeFor
     from rigctl.calibrations.store import read_store
@@ -78,16 +68,6 @@ def history(folder: FilePath | None = None, /, *, out: Annotated[FilePath | None
         Store, or rig file next to it; default: ./calibrations.
     out : path
         Picture with control limits to write (PNG).
-
-    Returns
-    -------
-    HistoryResult
-        Each quantity with its values, and whether it has moved.
-
-    Raises
-    ------
-    ConfigError, DataError
-        There is no such folder, or nothing to draw.
     """
     from rigctl.calibrations.record import write_whole
     from rigctl.calibrations.store import histories_of, read_store

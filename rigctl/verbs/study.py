@@ -51,18 +51,6 @@ def study(
         Largest numerical error of each case, 1e-6 to 0.1; default: the settings of the scene file.
     **options
         Where the cases are computed, see `EngineOptions`.
-
-    Returns
-    -------
-    StudyResult
-        Cases, numbers, and how much each input matters.
-
-    Raises
-    ------
-    ConfigError
-        A file is wrong, a number or quantity does not exist, or dask or a scheduler is not there.
-    DataError
-        The folder is in use, or the scheduler went away; finished cases are kept.
     """
     from rigctl.mapped import count_shown
     from rigctl.study import run_study

@@ -96,16 +96,6 @@ def tradeoff(
     out : path
         Folder for table, numbers and plots: tradeoff.png (the answer), settings.png (each setting alone), stages.png
         (where the time goes), digits.png (cost of a digit).
-
-    Returns
-    -------
-    AccuracyTradeoff or AcquisitionResult
-        Error against time of the computation, or of sessions.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file is wrong, a number is outside its range, or the scene has no such region.
     """
     from rigctl.calibrations.noise import read_noise_file
     from rigctl.files.scene_file import load_scene

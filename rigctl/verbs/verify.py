@@ -30,16 +30,6 @@ def verify(run: RunPath, /) -> "VerifiedRun":
     ----------
     run : path or Run
         Run folder.
-
-    Returns
-    -------
-    VerifiedRun
-        State, findings, and steps without a frame.
-
-    Raises
-    ------
-    RunFolderError
-        The folder is not a run.
     """
     path = Path(run)
     return VerifiedRun(path, verification_of(path, watch=_with_progress))
