@@ -14,11 +14,12 @@ from rigctl.verbs.options import (
     EngineOptions,
     FilePath,
     FrameOptions,
+    Part,
+    Result,
     Writes,
     engine_of,
     extend_help,
 )
-from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from rigctl.archive.health import ArchiveHealth

@@ -10,8 +10,7 @@ from cyclopts import Parameter, validators
 
 from rigctl.console import Json, note
 from rigctl.errors import ConfigError, DataError
-from rigctl.verbs.options import FilePath, RegionsPath, RunOptions, RunPath, ValidDays, Writes, regions_of
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, RegionsPath, Result, RunOptions, RunPath, ValidDays, Writes, regions_of
 
 if TYPE_CHECKING:
     from rigctl.calibrations.polarizer_scan import KnownLight, PolarizerCalibration

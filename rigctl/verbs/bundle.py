@@ -17,8 +17,7 @@ from cyclopts.validators import Number
 
 from rigctl.console import LEFT_OUT, Json, json_text, rewritten
 from rigctl.errors import ConfigError, DataError
-from rigctl.verbs.options import FilePath, RunPath, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, Result, RunPath, Writes
 from rigctl.verbs.verify import verification_of
 from rigctl.version import VERSION
 

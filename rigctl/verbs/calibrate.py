@@ -22,6 +22,8 @@ from rigctl.files.choices import ExposureUnit
 from rigctl.verbs.options import (
     FilePath,
     MaxFrameMb,
+    Part,
+    Result,
     RunOptions,
     RunPath,
     ScenePath,
@@ -29,7 +31,6 @@ from rigctl.verbs.options import (
     Writes,
     scene_file_of,
 )
-from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,8 +13,7 @@ from cyclopts.validators import Number
 from rigctl.console import Json, progress, warn
 from rigctl.errors import ConfigError
 from rigctl.report.table import Column, Table
-from rigctl.verbs.options import FilePath, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, Result, Writes
 
 if TYPE_CHECKING:
     from rigctl.files.rig_file import RigFile

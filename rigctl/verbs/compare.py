@@ -12,7 +12,9 @@ from rigctl.errors import ConfigError
 from rigctl.verbs.options import (
     CompareOptions,
     FilePath,
+    Part,
     RegionsPath,
+    Result,
     RunPath,
     ScaledOptions,
     ScenePath,
@@ -21,7 +23,6 @@ from rigctl.verbs.options import (
     regions_of,
     scene_file_of,
 )
-from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from rigctl.comparison.compare import Comparison

@@ -11,7 +11,9 @@ from rigctl.console import Json, note, solving_shown, warn
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import (
     FilePath,
+    Part,
     RegionsPath,
+    Result,
     RunOptions,
     RunPath,
     ScenePath,
@@ -19,7 +21,6 @@ from rigctl.verbs.options import (
     regions_of,
     scene_file_of,
 )
-from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from rigctl.comparison.detect import RxOnRun

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rigctl.console import Json, warn
 from rigctl.errors import ConfigError
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import Part, Result
 
 if TYPE_CHECKING:
     from drivers.discovery import Found

@@ -14,8 +14,7 @@ from cyclopts.validators import Number
 from rigctl.base.numbers import change_text
 from rigctl.console import Json, note, solving_shown
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import EffectOptions, FilePath, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import EffectOptions, FilePath, Part, Result, Writes
 
 if TYPE_CHECKING:
     from model.accuracy.effect_check import CheckedEffect

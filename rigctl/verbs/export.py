@@ -13,13 +13,14 @@ from rigctl.files.choices import ExportFormat
 from rigctl.verbs.options import (
     FilePath,
     FrameOptions,
+    Part,
     RegionsPath,
+    Result,
     RunPath,
     Writes,
     calibrations_of,
     regions_of,
 )
-from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from rigctl.files.regions import Region

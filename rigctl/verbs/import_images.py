@@ -10,8 +10,7 @@ from drivers.cameras.raw_planes import Plane
 from rigctl.base.durable import MOST_FRAME_MB
 from rigctl.console import Json
 from rigctl.files.choices import FrameKind
-from rigctl.verbs.options import COMMA_SEPARATED, FilePath, FrameOptions, MaxFrameMb, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import COMMA_SEPARATED, FilePath, FrameOptions, MaxFrameMb, Part, Result, Writes
 from rigctl.verbs.stokes import FILES as STOKES_FILES
 from rigctl.verbs.stokes import StokesResult
 from rigctl.verbs.stokes import stokes as measure_stokes

@@ -11,8 +11,7 @@ from cyclopts.validators import Number
 
 from rigctl.console import Json, note, steps_shown
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import FilePath, RegionsPath, RunPath, ScaledOptions, ScenePath, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, RegionsPath, Result, RunPath, ScaledOptions, ScenePath, Writes
 
 if TYPE_CHECKING:
     from rigctl.comparison.inference import Inference

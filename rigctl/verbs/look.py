@@ -9,8 +9,7 @@ from drivers.cameras.raw_planes import Plane
 from rigctl.base.durable import MOST_FRAME_MB
 from rigctl.console import Json, note
 from rigctl.errors import ConfigError, DataError
-from rigctl.verbs.options import COMMA_SEPARATED, FilePath, MaxFrameMb, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import COMMA_SEPARATED, FilePath, MaxFrameMb, Part, Result, Writes
 
 if TYPE_CHECKING:
     from rigctl.images import ImageFile

@@ -13,8 +13,7 @@ from cyclopts.validators import Number
 
 from rigctl.console import Json
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import FilePath, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, Result, Writes
 
 _COPIED = ("session.toml", "session-noise.toml", "session-flats.toml", "regions.toml")
 # Directions of the polarizing sheet before the camera, and the Stokes radiance that it then sends.

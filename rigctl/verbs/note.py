@@ -15,8 +15,7 @@ from cyclopts import Parameter
 from rigctl.base.numbers import is_utc_text, unix_ns, utc_moment, utc_text
 from rigctl.console import Json, warn
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import RunPath
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import Part, Result, RunPath
 
 if TYPE_CHECKING:
     from rigctl.runs.folder import Run as RunRecord

@@ -1,4 +1,6 @@
-"""Types and options that several verbs share. Imports nothing heavy: `--help` reads it.
+"""What verbs share: types and options of their parameters, and `Result`, the base of what they return.
+
+Imports nothing heavy: `--help` reads it.
 
 A verb is a plain function. Its signature, annotations and docstring are the command, the Python call and the reference
 page. Options that many verbs have stand in a `TypedDict` here and reach a verb as ``**frames: Unpack[FrameOptions]``:
@@ -6,7 +8,8 @@ flat keywords in Python, flat options on the command line, one declaration.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import cleandoc
 from pathlib import Path
@@ -15,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, TypedDict,
 from cyclopts import Parameter, Token, convert
 from cyclopts.validators import Number
 
+from rigctl.console import Json, json_text, results, told_content
 from rigctl.errors import ConfigError
 from rigctl.files.choices import EffectRule, Engine, LightPart, ScaleKind, SnrKind
 
@@ -24,6 +28,7 @@ if TYPE_CHECKING:
     from rigctl.files.regions import Region
     from rigctl.files.scene_file import SceneFile
     from rigctl.measure.calibrations import CalibrationPaths
+    from rigctl.report.table import AnyTable
 
 # Python takes texts and what it has read already; the command line makes a path of every text.
 if TYPE_CHECKING:
@@ -283,3 +288,52 @@ def changes_of(changes: Changes) -> dict[str, float]:
     from rigctl.scene.scene import parse_changes
 
     return dict(changes) if isinstance(changes, Mapping) else parse_changes(changes)
+
+
+# A sentence, a table, or what draws a picture as PNG; a terminal leaves pictures out.
+Part: TypeAlias = "str | AnyTable | Callable[[], bytes]"
+
+
+class Result:
+    """Base of what verbs return. A subclass says what people read, what programs read and how the command ends."""
+
+    def content(self) -> Iterable[Part]:
+        """Return what people read, the answer first."""
+        return ()
+
+    def as_json(self) -> Mapping[str, Json] | Sequence[Mapping[str, Json]]:
+        """Return what programs read."""
+        return {}
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """Return what a notebook shows below the content; the command line has reported it while it worked."""
+        return ()
+
+    @property
+    def exit_code(self) -> int:
+        """How the command ends: 0, or a code of docs/codes.md."""
+        return 0
+
+    def show(self) -> None:
+        """Print the content on standard output."""
+        for part in self.content():
+            if not callable(part):
+                results().print(part, markup=False)
+
+    def show_json(self) -> None:
+        """Print what programs read on standard output."""
+        sys.stdout.write(json_text(told_content(self.as_json())))
+
+    def follow(self) -> None:
+        """Go on after the content was shown: a page answers until Ctrl-C."""
+
+    def _repr_html_(self) -> str:
+        from rigctl.report.output import lines_fragment, picture_fragment, table_fragment
+
+        def fragment(part: Part) -> str:
+            if isinstance(part, str):
+                return lines_fragment([part])
+            return picture_fragment(part()) if callable(part) else table_fragment(part)
+
+        return "".join(map(fragment, (*self.content(), *self.notes)))

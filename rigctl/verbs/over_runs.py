@@ -34,8 +34,7 @@ from rigctl.runs.check import used_run
 from rigctl.runs.folder import Run, read_run
 from rigctl.study import scene_digest
 from rigctl.verbs.compare import compare_run
-from rigctl.verbs.options import CompareOptions, calibrations_of
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import CompareOptions, Part, Result, calibrations_of
 from rigctl.verbs.stokes import StokesResult, stokes_of
 from rigctl.verbs.verify import verification_of
 

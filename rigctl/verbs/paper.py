@@ -11,8 +11,7 @@ from cyclopts.validators import Number
 
 from rigctl.console import Json, note
 from rigctl.files.choices import SnrForm
-from rigctl.verbs.options import FilePath, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, Result, Writes
 
 if TYPE_CHECKING:
     from model.processing.dolp_studies import EstimatorError

@@ -11,8 +11,7 @@ from cyclopts import Parameter, validators
 from rigctl.base.numbers import time_option
 from rigctl.console import Json, note, warn
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import FilePath, RunPath, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, Result, RunPath, Writes
 
 if TYPE_CHECKING:
     import numpy as np

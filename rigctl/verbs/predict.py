@@ -11,8 +11,7 @@ from cyclopts import Parameter
 from rigctl.console import Json, note, solving_shown, warn
 from rigctl.errors import ConfigError
 from rigctl.files.choices import RocKind, SnrKind
-from rigctl.verbs.options import FilePath, PredictOptions, ScenePath, Writes, changes_of, scene_file_of
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, PredictOptions, Result, ScenePath, Writes, changes_of, scene_file_of
 
 if TYPE_CHECKING:
     import numpy as np

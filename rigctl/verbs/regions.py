@@ -12,8 +12,7 @@ from cyclopts.validators import Number
 from rigctl.console import Json, note
 from rigctl.errors import DataError
 from rigctl.files.choices import Dictionary
-from rigctl.verbs.options import FilePath, RunOptions, RunPath, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, Result, RunOptions, RunPath, Writes
 
 if TYPE_CHECKING:
     from rigctl.files.regions import RegionsFile

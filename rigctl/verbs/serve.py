@@ -12,8 +12,7 @@ from cyclopts import Parameter
 
 from rigctl.console import Json, note, progress
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import FilePath
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, Result
 
 if TYPE_CHECKING:
     from rigctl.web.server import Addresses, PageServer, Place

@@ -13,8 +13,7 @@ from rigctl.console import Json, note, warn
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.choices import RoofChange
 from rigctl.report.table import Column, Table
-from rigctl.verbs.options import FilePath, RunPath, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, Result, RunPath, Writes
 
 if TYPE_CHECKING:
     from rigctl.python import Run

@@ -11,8 +11,7 @@ from cyclopts import Parameter, validators
 
 from rigctl.console import Json, note
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import FilePath, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, Result, Writes
 
 
 def stage(

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from rigctl.console import Json, note, solving_shown
 from rigctl.files.choices import Engine
-from rigctl.verbs.options import FilePath, ScenePath, Writes, scene_file_of
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, Result, ScenePath, Writes, scene_file_of
 
 if TYPE_CHECKING:
     from rigctl.scene.sky_map import SkyMap, SkyOfKind

@@ -11,8 +11,7 @@ from cyclopts.validators import Number
 
 from rigctl.console import Json, note, warn
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import FilePath, RunOptions, RunPath, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, Result, RunOptions, RunPath, Writes
 
 if TYPE_CHECKING:
     from rigctl.measure.diagnose import RunDiagnosis

@@ -13,13 +13,14 @@ from rigctl.console import Json, note, warn
 from rigctl.verbs.options import (
     FilePath,
     FrameOptions,
+    Part,
     RegionsPath,
+    Result,
     RunPath,
     Writes,
     calibrations_of,
     regions_of,
 )
-from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from model.processing.samples import Texture

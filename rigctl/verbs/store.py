@@ -11,8 +11,7 @@ from cyclopts import Parameter
 from rigctl.base.numbers import time_option, utc_text
 from rigctl.console import Json, note, warn
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import FilePath, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, Result, Writes
 
 if TYPE_CHECKING:
     from rigctl.calibrations.made_for import MadeFor

@@ -10,8 +10,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from rigctl.console import EXIT_INCOMPLETE, Json, warn
-from rigctl.verbs.options import EngineOptions, FilePath, Writes, engine_of
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import EngineOptions, FilePath, Part, Result, Writes, engine_of
 
 if TYPE_CHECKING:
     from rigctl.mapped import Outcome

@@ -11,8 +11,7 @@ from cyclopts import Parameter
 from rigctl.console import Json, note
 from rigctl.errors import ConfigError
 from rigctl.files.choices import DiffuseKind, Shadowing
-from rigctl.verbs.options import FilePath, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import FilePath, Part, Result, Writes
 
 if TYPE_CHECKING:
     from model.surface.materials import Material

@@ -11,8 +11,7 @@ from cyclopts.validators import Number
 
 from rigctl.console import Json, note, solving_shown, steps_shown
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import COMMA_SEPARATED, FilePath, Writes
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import COMMA_SEPARATED, FilePath, Part, Result, Writes
 
 if TYPE_CHECKING:
     from model.accuracy.predict import Predicted

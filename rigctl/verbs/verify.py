@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rigctl.console import EXIT_DATA, EXIT_INCOMPLETE, Json
-from rigctl.verbs.options import RunPath
-from rigctl.verbs.result import Part, Result
+from rigctl.verbs.options import Part, Result, RunPath
 
 if TYPE_CHECKING:
     from rigctl.runs.check import Verification, Watch
