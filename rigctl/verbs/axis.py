@@ -105,7 +105,7 @@ def axis(
         expected_std_deg=expect_std_deg,
     )
     areas = [None] if regions is None else regions_of(regions)
-    records = [used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False)) for run in runs]
+    records = [used_run(Path(run), **frames) for run in runs]
     turning = None if generator is None else Path(generator)
     found, *_ = each = [_calibrated(records, reference_deg, turning, area, known) for area in areas]
     by_region = {area.name: one for area, one in zip(areas, each, strict=True) if area}

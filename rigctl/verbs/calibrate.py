@@ -146,7 +146,7 @@ def noise(
             bit_depth=bit_depth,
             reading=ImageReading(plane=plane, most_bytes=most_bytes),
             exposure_unit=exposure_unit,
-            ignore_exclusions=frames.get("ignore_exclusions", False),
+            frames=frames,
         )
         source = _with_black_level(source, black_level_dn, black_level_error_dn, box)
         with Progress(console=progress(), transient=True) as bar:
@@ -214,7 +214,7 @@ def _noise_frames(
     bit_depth: int | None,
     reading: Any,
     exposure_unit: ExposureUnit | None,
-    ignore_exclusions: bool,
+    frames: RunOptions,
 ) -> "FrameSet":
     from rigctl.calibrations.noise_frames import emva_frames, folder_frames, run_frames, table_frames
 
@@ -226,7 +226,7 @@ def _noise_frames(
     if run is not None:
         if exposure_unit is not None:
             raise ConfigError("--exposure-unit: a run folder records its exposures in seconds; leave it out")
-        return run_frames(run, ignore_exclusions=ignore_exclusions)
+        return run_frames(run, **frames)
     if emva is not None:
         return emva_frames(emva, exposure_unit=exposure_unit, most_bytes=reading.most_bytes)
     if bit_depth is None:
@@ -392,7 +392,7 @@ def flat(
     from rigctl.calibrations.record import write_whole
     from rigctl.runs.check import used_run
 
-    record = used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False))
+    record = used_run(Path(run), **frames)
     found = flat_of_run(record)
     file = found.content(record, valid_days=valid_days)
     if out is not None:
@@ -566,7 +566,7 @@ def radiometric(
     from rigctl.scene.scene import scene_of_file
 
     content = scene_file_of(scene)
-    record = used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False))
+    record = used_run(Path(run), **frames)
     calibrated, doubts = (None, ()) if noise is None else NoiseParameters.read_fitting(Path(noise), record)
     regions = [region for region in content.regions if region.name == panel]
     measurement = measure(record, regions=list(regions), noise=calibrated)
@@ -651,7 +651,7 @@ def registration(
     from rigctl.calibrations.registration import register_run
     from rigctl.runs.check import used_run
 
-    record = used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False))
+    record = used_run(Path(run), **frames)
     found = register_run(record, cycle=cycle)
     file = found.content(record, valid_days=valid_days)
     is_refused = found.doubt is not None and not force_registration

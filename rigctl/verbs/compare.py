@@ -101,10 +101,7 @@ def compare(
     ConfigError, DataError
         A file is wrong, or the run is unfit for what is asked.
     """
-    given: list[Any] = [run, *more]
-    if more and scene is None and is_scene(given[-1]):
-        scene = given.pop()
-    runs = [Path(one) for one in given]
+    runs, scene = runs_and_scene(run, more, scene)
     result: ComparisonResult | SeriesResult
     with solving_shown():
         if len(runs) == 1:
@@ -118,11 +115,16 @@ def compare(
     return result
 
 
-def is_scene(given: "RunPath | ScenePath") -> bool:
-    """Return whether an argument is a scene: one that was read, or a TOML file."""
+def runs_and_scene(
+    run: RunPath, more: "Sequence[RunPath | ScenePath]", scene: ScenePath | None
+) -> tuple[list[Path], ScenePath | None]:
+    """Return run folders and the scene, which may be the last argument: one that was read, or a TOML file."""
     from rigctl.files.scene_file import SceneFile
 
-    return isinstance(given, SceneFile) or (isinstance(given, str | Path) and Path(given).suffix == ".toml")
+    given: list[Any] = [run, *more]
+    if more and scene is None and (isinstance(given[-1], SceneFile) or Path(given[-1]).suffix == ".toml"):
+        scene = given.pop()
+    return [Path(one) for one in given], scene
 
 
 def _report(comparison: "Comparison") -> None:

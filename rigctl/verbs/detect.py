@@ -82,7 +82,7 @@ def detect(
         raise ConfigError("give --regions FILE, or --scene SCENE.toml to predict from a scene")
     content = None if scene is None else scene_file_of(scene)
     drawn = regions_of(regions if content is None else content.regions)
-    record = used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False))
+    record = used_run(Path(run), **frames)
     calibrated, doubts = (None, ()) if noise is None else NoiseParameters.read_fitting(Path(noise), record)
     measurement, predicted = measure(record, regions=drawn, noise=calibrated), None
     if content is not None:

@@ -80,14 +80,12 @@ def infer(
     from rigctl.comparison.inference import gather_evidence, infer_inputs
     from rigctl.comparison.series import require_one_instrument
     from rigctl.mapped import PARTS_FOLDER, held_folder
-    from rigctl.verbs.compare import is_scene, read_scene_run
+    from rigctl.verbs.compare import read_scene_run, runs_and_scene
 
-    given: list[Any] = [run, *more]
-    if more and scene is None and is_scene(given[-1]):
-        scene = given.pop()
+    runs, scene = runs_and_scene(run, more, scene)
     if scene is None:
         raise ConfigError("give a scene file, last or with --scene: its numbers with a std are the prior")
-    read = [read_scene_run(Path(one), scene, regions, options) for one in given]
+    read = [read_scene_run(one, scene, regions, options) for one in runs]
     require_one_instrument([one.measurement.run for one, _ in read])
     folder = None if out is None else Path(out)
     with steps_shown() as tell, nullcontext() if folder is None else held_folder(folder):
