@@ -147,6 +147,11 @@ class FlatFacts(CalibrationRecord):
     kind: Literal["flat"]
     made_for: MadeFor
 
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Flat fields."""
+        return ("flats",)
+
     @classmethod
     def read(cls, path: Path) -> Self:
         """Return the facts of a file without its pictures."""
@@ -159,6 +164,8 @@ class FlatFacts(CalibrationRecord):
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlatFields:
     """Flat fields as their file holds them."""
+
+    read = FlatFacts.read  # without the pictures
 
     facts: FlatFacts  #: devices, settings and time
     angles_deg: FloatArray  #: Polarizer angles [deg].

@@ -5,19 +5,24 @@ camera or setting are refused (`require_fit`); a calibration that is old, or of 
 Values of calibration files are finite and inside their ranges (`Measured`, `Bounded`), or the file is refused.
 """
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from importlib import import_module
+from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Annotated, Generic, Literal, TypeVar
 from urllib.parse import parse_qsl
 
 from pydantic import AfterValidator, Field
 
+from rigctl.base.durable import open_plain
 from rigctl.base.numbers import is_utc_text, utc_moment
 from rigctl.console import Json
 from rigctl.errors import DataError
 
 if TYPE_CHECKING:
+    from rigctl.calibrations.record import CalibrationRecord
     from rigctl.files.rig_file import RigFile
     from rigctl.runs.folder import Run
     from rigctl.runs.records import FrameRecord
@@ -41,21 +46,62 @@ class Kind:
     """Properties of a kind of calibration."""
 
     name: str  #: in sentences
+    record: str  #: module of this package, and class that reads it as a `CalibrationRecord` does
     of_stage: bool  #: belongs to a stage too
     of_gain: bool  #: depends on gain, bit depth and binning
     valid_days: float  #: trusted for so long where the file does not say; a choice
 
 
 KINDS: Mapping[CalibrationKind, Kind] = {
-    "noise": Kind(name="noise calibration", of_stage=False, of_gain=True, valid_days=365.0),
+    "noise": Kind(
+        name="noise calibration", record="noise:NoiseParameters", of_stage=False, of_gain=True, valid_days=365.0
+    ),
     # until the polarizer is taken out of its mount
-    "polarizer": Kind(name="polarizer calibration", of_stage=True, of_gain=False, valid_days=180.0),
+    "polarizer": Kind(
+        name="polarizer calibration",
+        record="polarizer:PolarizerParameters",
+        of_stage=True,
+        of_gain=False,
+        valid_days=180.0,
+    ),
     # dust moves
-    "flat": Kind(name="flat field", of_stage=True, of_gain=True, valid_days=30.0),
+    "flat": Kind(name="flat field", record="flat:FlatFields", of_stage=True, of_gain=True, valid_days=30.0),
     # lenses and filters gather dust
-    "radiometric": Kind(name="radiometric calibration", of_stage=False, of_gain=True, valid_days=90.0),
-    "registration": Kind(name="registration", of_stage=True, of_gain=False, valid_days=180.0),
+    "radiometric": Kind(
+        name="radiometric calibration",
+        record="radiometric:RadiometricResponse",
+        of_stage=False,
+        of_gain=True,
+        valid_days=90.0,
+    ),
+    "registration": Kind(
+        name="registration", record="registration:ImageRegistration", of_stage=True, of_gain=False, valid_days=180.0
+    ),
 }
+
+
+# Files state their kind near the beginning.
+_HEAD_BYTES = 1000
+_KIND = re.compile(rb'"kind"\s*:\s*"([a-z]{3,20})"')
+
+
+def record_of(kind: CalibrationKind) -> "type[CalibrationRecord]":
+    """Return the class of a kind, imported when it is needed: that takes a tenth of a second."""
+    module, _, name = KINDS[kind].record.partition(":")
+    found: type[CalibrationRecord] = getattr(import_module(f"rigctl.calibrations.{module}"), name)
+    return found
+
+
+def kind_of(file: Path) -> CalibrationKind | None:
+    """Return the kind of a calibration, by the beginning of its file; None of any other file."""
+    if file.suffix == ".npz":
+        return "flat"
+    try:
+        with open_plain(file) as content:
+            named = _KIND.search(content.read(_HEAD_BYTES))
+    except OSError:
+        return None
+    return None if named is None else next((kind for kind in KINDS if kind == named[1].decode("ascii")), None)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field
 
 from calibration.results import Flag
 from model.sensor import SensorNoise
-from rigctl.calibrations.made_for import Bounded, MadeFor, MeasuredOverFrames
+from rigctl.calibrations.made_for import Bounded, MadeFor, Measured, MeasuredOverFrames
 from rigctl.calibrations.record import CalibrationRecord
 
 FloatArray = NDArray[np.float64]
@@ -108,6 +108,16 @@ class NoiseParameters(CalibrationRecord):
     def known(self) -> dict[str, StatedEstimate]:
         """Its quantities by name, those that are known."""
         return {name: found for name in QUANTITIES if (found := getattr(self, name)) is not None}
+
+    @property
+    def history(self) -> dict[str, Measured[float]]:
+        """Gain, read noise and dark current, as far as they are known."""
+        known = self.known
+        return {
+            name: Measured(value=known[name].value, std_error=known[name].std_error)
+            for name in ("gain_dn_per_e", "read_noise_e", "dark_current_e_per_s")
+            if name in known
+        }
 
     @property
     def below_zero(self) -> dict[str, float]:

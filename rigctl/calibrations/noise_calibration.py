@@ -33,6 +33,7 @@ def noise_content(calibration: NoiseCalibration, frames: FrameSet, *, created_ns
     estimates = {name: getattr(calibration, name) for name in QUANTITIES}
     return {
         "schema_version": SCHEMA_VERSION,
+        "kind": "noise",
         "created_by": f"rigctl {VERSION}",
         "created_utc": utc_text(created_ns),
         "source": asdict(frames.source),

@@ -63,6 +63,16 @@ class PolarizerParameters(CalibrationRecord):
     channels: Annotated[tuple[Channel, ...], at_least(1)] | None = None
     made_for: MadeFor | None = None
 
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The axis, and the throughput unless fixed references were used."""
+        return ("axis",) if self.channels is None else ("axis", "throughput")
+
+    @property
+    def history(self) -> dict[str, Measured[float]]:
+        """Offset of the axis."""
+        return {"offset_deg": self.offset_deg}
+
     @classmethod
     def read_fitting(cls, path: Path, run: Run) -> tuple[Self, tuple[str, ...]]:
         """Return the calibration for the scene frames of a run, and what is doubtful about it, in words."""

@@ -17,6 +17,7 @@ from rigctl.base.numbers import utc_text
 from rigctl.calibrations.made_for import (
     CalibrationKind,
     MadeFor,
+    Measured,
     UtcText,
     made_for,
     made_for_of_file,
@@ -46,6 +47,16 @@ class CalibrationRecord:
     def origin(self) -> MadeFor:
         """Devices, settings and time that it was made for, and its validity."""
         return made_for_of_file(self.KIND, self.made_for, created_utc=self.created_utc)
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """What it holds, in words of the list of a store."""
+        return (self.KIND,)
+
+    @property
+    def history(self) -> Mapping[str, Measured[float]]:
+        """Numbers that are followed through time."""
+        return {}
 
     @classmethod
     def read(cls, path: Path) -> Self:

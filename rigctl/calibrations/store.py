@@ -6,7 +6,6 @@ reason, and the reasons against the others; `picked_for_rig` does so for a rig b
 each device through time, with control limits.
 """
 
-import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.estimate import control_chart
-from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded, sha256_of
+from rigctl.base.durable import sha256_of
 from rigctl.base.numbers import utc_moment, utc_text, wrapped
 from rigctl.calibrations.made_for import (
     KINDS,
@@ -26,8 +25,10 @@ from rigctl.calibrations.made_for import (
     age_days,
     is_beyond_exposures,
     is_too_old,
+    kind_of,
     made_for_rig,
     misfits,
+    record_of,
     temperature_step_k,
 )
 from rigctl.console import Json, note, warn
@@ -41,7 +42,6 @@ _SUFFIXES = (".json", ".npz")
 _DEPTH = 2
 _MOST_FILES = 5000
 _OF_ANOTHER_KIND = "is no calibration of frames"
-_WATCHED = ("gain_dn_per_e", "read_noise_e", "dark_current_e_per_s")
 Numbers = Mapping[str, Measured[float]]
 
 
@@ -122,53 +122,11 @@ def _files(folder: Path, depth: int = _DEPTH) -> Iterator[Path]:
 
 def read_stored(file: Path) -> StoredCalibration:
     """Return a calibration of any kind, without what only its own reader needs."""
-    # Readers of every kind take a tenth of a second to import; most rigs have no store.
-    from rigctl.calibrations.flat import FlatFacts
-    from rigctl.calibrations.noise import NoiseParameters
-    from rigctl.calibrations.polarizer import PolarizerParameters
-    from rigctl.calibrations.radiometric import RadiometricResponse
-    from rigctl.calibrations.registration import ImageRegistration
-
-    if file.suffix not in _SUFFIXES:
-        raise DataError(f"{file}: is no calibration; they are .json files, flat fields .npz")
-    if file.suffix == ".npz":
-        return _stored("flat", file, FlatFacts.read(file).origin, "flats")
-    kind = _kind_of(file)
-    if kind == "noise":
-        noise = NoiseParameters.read(file)
-        known = {name: noise.known[name] for name in _WATCHED if name in noise.known}
-        numbers = {name: Measured(value=one.value, std_error=one.std_error) for name, one in known.items()}
-        return _stored(kind, file, noise.origin, "noise", numbers=numbers)
-    if kind == "polarizer":
-        polarizer = PolarizerParameters.read(file)
-        parts = ("axis",) if polarizer.channels is None else ("axis", "throughput")
-        return _stored(kind, file, polarizer.origin, *parts, numbers={"offset_deg": polarizer.offset_deg})
-    record = RadiometricResponse if kind == "radiometric" else ImageRegistration
-    return _stored(kind, file, record.read(file).origin, kind)
-
-
-def _stored(
-    kind: CalibrationKind, file: Path, origin: MadeFor, *parts: str, numbers: Numbers | None = None
-) -> StoredCalibration:
-    return StoredCalibration(kind=kind, file=file, made_for=origin, numbers=numbers or {}, parts=parts)
-
-
-def _kind_of(file: Path) -> CalibrationKind:
-    """Return the kind of a JSON file; noise and polarizer calibrations are recognised by their keys."""
-    try:
-        content = json.loads(read_bounded(file, MOST_RECORD_BYTES))
-    except OSError as error:
-        raise DataError(f"{file}: cannot be read: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise DataError(f"{file}: is no JSON file") from error
-    found = content if isinstance(content, dict) else {}
-    kind = found.get("kind")
+    kind = kind_of(file)
     if kind is None:
-        kind = "noise" if "gain_dn_per_e" in found else "polarizer" if {"sense", "offset_deg"} <= found.keys() else None
-    for known in KINDS:
-        if kind == known:
-            return known
-    raise DataError(f"{file}: {_OF_ANOTHER_KIND}")
+        raise DataError(f"{file}: {_OF_ANOTHER_KIND}")
+    record = record_of(kind).read(file)
+    return StoredCalibration(kind=kind, file=file, made_for=record.origin, numbers=record.history, parts=record.parts)
 
 
 # An axis is the same after half a turn.
@@ -320,7 +278,7 @@ def choose(
     kind: CalibrationKind,
     used: MadeFor,
     *,
-    require_usable: Callable[[Path], object] | None = None,
+    require_usable: Callable[[Path], object],
 ) -> Choice:
     """Return the calibration of a kind that fits frames best: the newest that is not younger than they are.
 
@@ -335,8 +293,7 @@ def choose(
     ranked = sorted(fitting, key=lambda one: _rank(one, used))
     for place, one in enumerate(ranked):
         try:
-            if require_usable is not None:
-                require_usable(one.file)
+            require_usable(one.file)
         except DataError as error:
             unfit.append((one.file, str(error).removeprefix(f"{one.file}: ").partition("\n")[0]))
             continue
@@ -514,16 +471,13 @@ def _doubts(store: CalibrationStore, kind: CalibrationKind, rig: "RigFile", used
         yield f"{kind} calibration: {choice.pick.file} expires in {left:.0f} days: make a new one"
 
 
-def _usable(kind: CalibrationKind, rig: "RigFile", used: MadeFor) -> Callable[[Path], object] | None:
-    """Return the function that checks a file for a rig; None if devices and settings are all there is to check."""
-    from rigctl.calibrations.noise import NoiseParameters
-    from rigctl.calibrations.polarizer import PolarizerParameters, require_polarizer_fits
-
-    if kind == "noise":
-        return lambda path: NoiseParameters.read(path).doubts(used)
+def _usable(kind: CalibrationKind, rig: "RigFile", used: MadeFor) -> Callable[[Path], object]:
+    """Return the function that checks a file for a rig."""
     if kind == "polarizer":
+        from rigctl.calibrations.polarizer import PolarizerParameters, require_polarizer_fits
+
         return lambda path: require_polarizer_fits(PolarizerParameters.read(path), used, polarizer=rig.polarizer)
-    return None
+    return lambda path: record_of(kind).read(path).doubts(used)
 
 
 def picked_for_scene(scene: Path | None, used: MadeFor, store: Path | None, named: Path | None) -> RigPicks:
@@ -531,7 +485,5 @@ def picked_for_scene(scene: Path | None, used: MadeFor, store: Path | None, name
     found = None if named is not None or (store is None and scene is None) else _store(scene or Path(), store)
     if found is None:
         return RigPicks()
-    from rigctl.calibrations.noise import NoiseParameters
-
-    choice = choose(found, "noise", used, require_usable=lambda path: NoiseParameters.read(path).doubts(used))
+    choice = choose(found, "noise", used, require_usable=lambda path: record_of("noise").read(path).doubts(used))
     return RigPicks(store=found.folder, choices=(choice,), damaged=found.damaged)

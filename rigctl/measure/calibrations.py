@@ -4,13 +4,14 @@
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 from rigctl.base.durable import sha256_of
 from rigctl.calibrations.flat import FlatFields
-from rigctl.calibrations.made_for import KINDS, CalibrationKind, made_for
+from rigctl.calibrations.made_for import KINDS, CalibrationKind, made_for, record_of
 from rigctl.calibrations.noise import NoiseParameters
 from rigctl.calibrations.polarizer import PolarizerParameters
 from rigctl.calibrations.radiometric import RadiometricResponse
@@ -36,41 +37,16 @@ from rigctl.measure.frames import (
 )
 from rigctl.runs.folder import Run
 
-_Content = TypeVar("_Content")
-_Read = Callable[[Path, Run], tuple[_Content, tuple[str, ...]]]
-
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationPaths:
-    """Files of calibrations; None is not given."""
+    """Files of calibrations."""
 
-    noise: Path | None = None
-    radiometric: Path | None = None
-    registration: Path | None = None
-    flat: Path | None = None
-    polarizer: Path | None = None
+    files: Mapping[CalibrationKind, Path] = field(default_factory=dict)  #: those that are named
     force_registration: bool = False  #: Use a registration that helps no edges too.
     picks: bool = False  #: Pick what is not named from the store, where there is one.
     store: Path | None = None  #: The store; None is the one that stands beside the rig file.
     without: tuple[str, ...] = ()  #: Kinds that are not picked.
-
-    @property
-    def files(self) -> dict[CalibrationKind, Path]:
-        """Files that are named, by their kind."""
-        named = {kind: getattr(self, kind) for kind in KINDS}
-        return {kind: path for kind, path in named.items() if isinstance(path, Path)}
-
-    def with_files(self, files: Mapping[CalibrationKind, Path]) -> "CalibrationPaths":
-        """Return them with more files."""
-        together = self.files | dict(files)
-        return replace(
-            self,
-            noise=together.get("noise"),
-            radiometric=together.get("radiometric"),
-            registration=together.get("registration"),
-            flat=together.get("flat"),
-            polarizer=together.get("polarizer"),
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +64,7 @@ class RunCalibrations:
     noise: NoiseParameters | None = None
     radiometric: RadiometricResponse | None = None
     registration: ImageRegistration | None = None
-    flats: FlatFields | None = None
+    flat: FlatFields | None = None
     polarizer: PolarizerParameters | None = None
     doubts: tuple[str, ...] = ()
 
@@ -96,25 +72,14 @@ class RunCalibrations:
 def calibrations_of_run(paths: CalibrationPaths, run: Run, kinds: Sequence[CalibrationKind]) -> RunCalibrations:
     """Return the calibrations of a run; of some kinds, those that are not named are picked from the store."""
     picked = picked_for_run(paths, run, kinds)
-    used = picked.paths
-    doubts = [f"{run.path}: {PLACEHOLDER}"] if run.session.polarizer.placeholder and used.polarizer is None else []
-
-    def read(path: Path | None, reader: _Read[_Content]) -> _Content | None:
-        if path is None:
-            return None
-        content, more = reader(path, run)
-        doubts.extend(more)
-        return content
-
-    return RunCalibrations(
-        picked=picked,
-        noise=read(used.noise, NoiseParameters.read_fitting),
-        radiometric=read(used.radiometric, RadiometricResponse.read_fitting),
-        registration=read(used.registration, ImageRegistration.read_fitting),
-        flats=read(used.flat, FlatFields.read_fitting),
-        polarizer=read(used.polarizer, PolarizerParameters.read_fitting),
-        doubts=tuple(doubts),
-    )
+    files = picked.paths.files
+    doubts = [f"{run.path}: {PLACEHOLDER}"] if run.session.polarizer.placeholder and "polarizer" not in files else []
+    found: dict[str, Any] = {}
+    for kind in KINDS:
+        if kind in files:
+            found[kind], more = record_of(kind).read_fitting(files[kind], run)
+            doubts.extend(more)
+    return RunCalibrations(picked=picked, doubts=tuple(doubts), **found)
 
 
 # As many folders above a run are looked into for its rig file.
@@ -127,13 +92,13 @@ def calibration_paths(
     """Return the calibrations that a command line names; ``none`` is to have none, the others are picked."""
     if store is not None and store != NONE and not store.is_dir():
         raise ConfigError(f"--calibrations: {store}: there is no such folder")
-    paths = CalibrationPaths(
+    return CalibrationPaths(
+        files={kind: path for kind, path in named.items() if path is not None and path != NONE},
         force_registration=force_registration,
         picks=store != NONE,
         store=None if store == NONE else store,
         without=tuple(kind for kind, path in named.items() if path == NONE),
     )
-    return paths.with_files({kind: path for kind, path in named.items() if path is not None and path != NONE})
 
 
 def calibrations_json(picked: RigPicks | None) -> dict[str, Json]:
@@ -164,7 +129,8 @@ def picked_for_run(paths: CalibrationPaths, run: Run, kinds: Sequence[Calibratio
         for kind in wanted
     )
     picked = {choice.kind: choice.pick.file for choice in choices if choice.pick is not None}
-    return PickedCalibrations(paths=paths.with_files(picked), store=folder, choices=choices, damaged=store.damaged)
+    together = replace(paths, files={**paths.files, **picked})
+    return PickedCalibrations(paths=together, store=folder, choices=choices, damaged=store.damaged)
 
 
 def store_of_run(run: Run) -> Path | None:
@@ -192,11 +158,15 @@ def _named(kind: CalibrationKind, path: Path) -> Choice:
 
 def _usable(kind: CalibrationKind, run: Run, grid: FrameGrid) -> Callable[[Path], object]:
     """Return what tries a file on the frames of a run, as measuring will."""
-    tries: dict[CalibrationKind, Callable[[Path], object]] = {
-        "noise": lambda path: NoiseParameters.read_fitting(path, run),
-        "polarizer": lambda path: throughput_of(grid, PolarizerParameters.read_fitting(path, run)[0]),
-        "flat": lambda path: flat_division(grid, FlatFields.read_fitting(path, run)[0]),
-        "radiometric": lambda path: RadiometricResponse.read_fitting(path, run),
-        "registration": lambda path: frame_shifts(run, grid, ImageRegistration.read_fitting(path, run)[0]),
+    also: dict[str, Callable[[Any], object]] = {
+        "polarizer": partial(throughput_of, grid),
+        "flat": partial(flat_division, grid),
+        "registration": partial(frame_shifts, run, grid),
     }
-    return tries[kind]
+
+    def try_file(path: Path) -> None:
+        found, _ = record_of(kind).read_fitting(path, run)
+        if kind in also:
+            also[kind](found)
+
+    return try_file

@@ -430,7 +430,7 @@ def measure_run(
             regions=regions,
             noise=given.noise,
             registration=given.registration,
-            flats=given.flats,
+            flats=given.flat,
             polarizer=given.polarizer,
             found=found,
             may_measure_none=True,
@@ -519,7 +519,7 @@ def recalibrated(run: Run, paths: CalibrationPaths) -> tuple[Run, PickedCalibrat
     # What the rig file stated of the axis is what may be wrong: no calibration is refused for it.
     open_axis = _with_polarizer(run, replace(run.session.polarizer, sense=None, offset_deg=None))
     picked = picked_for_run(paths, open_axis, MEASURED_WITH)
-    named = picked.paths.polarizer
+    named = picked.paths.files.get("polarizer")
     return (run if named is None else with_axis(run, read_polarizer_file(named))), picked
 
 

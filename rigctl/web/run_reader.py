@@ -4,27 +4,19 @@ A page asks once a second, so only new data are read; nothing is written. Every 
 """
 
 import json
-import re
 import shutil
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from pydantic import JsonValue
-
-from rigctl.base.durable import MOST_RECORD_BYTES, MOST_TEXT_BYTES, read_bounded
+from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded
 from rigctl.base.numbers import NS_PER_S, utc_text
-from rigctl.calibrations.flat import FlatFields
-from rigctl.calibrations.made_for import KINDS, CalibrationKind
-from rigctl.calibrations.noise import NoiseParameters
-from rigctl.calibrations.polarizer import PolarizerParameters
-from rigctl.calibrations.radiometric import RadiometricResponse
-from rigctl.calibrations.registration import ImageRegistration
+from rigctl.calibrations.made_for import kind_of, record_of
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.files.session_file import PICTURE
@@ -63,17 +55,6 @@ _ADVICE = {
     "stale": "a process holds the run and has written nothing since: look at its terminal",
     "stopped": "stopped: resume with rigctl resume {run}",
     "interrupted": "interrupted: resume with rigctl resume {run}",
-}
-# The kind of a calibration is near the beginning of its file; a noise calibration does not name its kind.
-_HEAD_BYTES = 20_000
-_KIND = re.compile(rb'"kind"\s*:\s*"([a-z]{3,20})"')
-_OF_NOISE = re.compile(rb'"gain_dn_per_e"\s*:')
-_READERS: Mapping[CalibrationKind, Callable[[Path, Run], tuple[object, tuple[str, ...]]]] = {
-    "noise": NoiseParameters.read_fitting,
-    "flat": FlatFields.read_fitting,
-    "polarizer": PolarizerParameters.read_fitting,
-    "radiometric": RadiometricResponse.read_fitting,
-    "registration": ImageRegistration.read_fitting,
 }
 # A comparison: time of writing [ns], folder, name of its run, verdict.
 _Comparison = tuple[int, Path, str, str]
@@ -494,41 +475,17 @@ def _verdict(file: str, kind: str, words: str) -> Look:
 
 def _calibration(path: Path, run: Run) -> Look | None:
     """Return whether a calibration holds for a run; None if the file is not a calibration."""
-    try:
-        data = read_bounded(path, MOST_TEXT_BYTES)
-    except OSError:
-        return None
-    kind = _kind_of(data[:_HEAD_BYTES])
+    kind = kind_of(path)
     if kind is None:
         return None
-    made_utc, valid_days = _made(data)
-    look = _verdict(path.name, kind, "") | {"made_utc": made_utc, "valid_days": valid_days or KINDS[kind].valid_days}
+    look = _verdict(path.name, kind, "")
     try:
-        _, doubts = _READERS[kind](path, run)
+        made = record_of(kind).read(path).origin
+        look |= {"made_utc": made.taken_utc or "", "valid_days": made.valid_days}
+        _, doubts = record_of(kind).read_fitting(path, run)
     except DataError as error:
         return look | {"words": str(error).replace(str(path), path.name)}
     return look | {"verdict": "doubtful" if doubts else "holds", "words": "; ".join(doubts)}
-
-
-def _kind_of(head: bytes) -> CalibrationKind | None:
-    named = _KIND.search(head)
-    if named is None:
-        return "noise" if _OF_NOISE.search(head) is not None else None
-    return next((kind for kind in KINDS if kind == named[1].decode("ascii")), None)
-
-
-def _made(data: bytes) -> tuple[str, float | None]:
-    """Return when the frames of a calibration were taken, and for how many days it is valid, if the file states it."""
-    try:
-        content: JsonValue = json.loads(data)
-    except (ValueError, RecursionError):
-        return "", None
-    if not isinstance(content, dict):
-        return "", None
-    made_for = content.get("made_for")
-    made = made_for if isinstance(made_for, dict) else {}
-    utc, days = made.get("taken_utc") or content.get("created_utc"), made.get("valid_days")
-    return str(utc or "")[:40], float(days) if isinstance(days, int | float) and not isinstance(days, bool) else None
 
 
 def _or_problem(read: Callable[[], T], problems: list[str]) -> T | None:

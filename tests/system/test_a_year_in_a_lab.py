@@ -146,11 +146,12 @@ def test_each_run_is_given_the_calibration_that_was_in_force(lab):
 def test_the_old_camera_s_calibrations_are_refused_for_the_new_one(lab):
     day = min(day for day in RUN_DAYS if day >= REPLACED_DAY)
     found = compare_run(lab / f"run-{day:03d}", regions=_regions(lab))
-    refused = {file.name: reason for choice in found.picked.choices for file, reason in choice.others}
+    picked = found.run.calibrations.picked
+    refused = {file.name: reason for choice in picked.choices for file, reason in choice.others}
     assert refused["noise-0.json"] == "camera serial number: calibrated A, used B"
-    assert found.files["noise"].path.name == "noise-new.json"
-    assert found.picked.as_json()["calibrations"]["noise"]["age_days"] < 0.0
-    assert "AFTER the frames" in found.picked.as_json()["calibrations"]["noise"]["why"]
+    assert Path(found.files["noise"]["path"]).name == "noise-new.json"
+    assert picked.as_json()["calibrations"]["noise"]["age_days"] < 0.0
+    assert "AFTER the frames" in picked.as_json()["calibrations"]["noise"]["why"]
 
 
 def _regions(lab):

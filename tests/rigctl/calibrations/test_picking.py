@@ -30,7 +30,11 @@ def write_noise(folder, name, *, taken, gain=0.25, **facts):
     made = vars(replace(USED, taken_utc=f"{taken}T12:00:00Z", **facts))
     number = {"value": gain, "std_error": 0.001, "n": 10}
     quantities = ("read_noise_e", "dark_current_e_per_s", "black_level_dn", "saturation_e", "dsnu_e")
-    content = dict.fromkeys(quantities, number | {"value": 10.0}) | {"gain_dn_per_e": number, "prnu": number}
+    content = (
+        {"kind": "noise"}
+        | dict.fromkeys(quantities, number | {"value": 10.0})
+        | {"gain_dn_per_e": number, "prnu": number}
+    )
     folder.mkdir(exist_ok=True)
     (folder / name).write_text(json.dumps(content | {"schema_version": 2, "made_for": made}))
 
@@ -41,7 +45,7 @@ def folder(tmp_path):
 
 
 def _picked(folder, used=USED, **options):
-    return choose(read_store(folder), "noise", used, **options)
+    return choose(read_store(folder), "noise", used, **{"require_usable": lambda file: None} | options)
 
 
 def test_the_newest_before_the_frames_is_picked(folder):
@@ -148,10 +152,10 @@ def test_plan_warns_of_what_is_missing_and_of_what_expires(folder, tmp_path):
     write_noise(folder, "n.json", taken="2026-06-01", valid_days=10.0)
     assert any("too far in time" in doubt for doubt in store_doubts(rig, rig_file, now_ns=now_ns))
     write_noise(folder, "n.json", taken="2027-06-01")
-    (folder / "torn.json").write_text('{"gain_dn_per_e": {"val')
+    (folder / "torn.json").write_text('{"kind": "noise", "gain_dn_per_e": {"val')
     doubts = store_doubts(rig, rig_file, now_ns=now_ns)
     assert any("is of 351 days from now: look at the clock" in doubt for doubt in doubts)
-    assert any("calibration not read: " in doubt and "torn.json: is no JSON file" in doubt for doubt in doubts)
+    assert any("calibration not read: " in doubt and "torn.json: this is no JSON file" in doubt for doubt in doubts)
 
 
 def test_of_equal_times_the_last_by_name_is_used_and_that_is_said(folder):
@@ -164,7 +168,7 @@ def test_of_equal_times_the_last_by_name_is_used_and_that_is_said(folder):
 
 def test_a_damaged_file_of_the_store_is_said_beside_what_is_picked(folder):
     write_noise(folder, "n.json", taken="2026-05-01")
-    (folder / "torn.json").write_text('{"gain_dn_per_e": {"val')
+    (folder / "torn.json").write_text('{"kind": "noise", "gain_dn_per_e": {"val')
     (folder / "lens.json").write_text('{"kind": "lens"}')
     used = replace(USED, camera_serial=None)
     found = picked_for_scene(folder.parent / "scene.toml", used, None, None)

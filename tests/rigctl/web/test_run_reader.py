@@ -186,7 +186,11 @@ def test_calibrations_beside_a_run_say_whether_they_hold_for_it(tmp_path: Path) 
     facts = {"camera_serial": "42", "start_utc": "2026-05-04T10:00:00Z"}
     make_run(tmp_path / "runs" / "run", [(one | facts, counts) for one, counts in frames()])
     known = {"value": 1.0, "std_error": 0.1, "n": 9}
-    noise = dict.fromkeys(QUANTITIES) | {"schema_version": 2, "gain_dn_per_e": known, "black_level_dn": known}
+    noise = (
+        {"schema_version": 2, "kind": "noise"}
+        | dict.fromkeys(QUANTITIES)
+        | {"gain_dn_per_e": known, "black_level_dn": known}
+    )
     made_for = {
         "ours": {"camera_serial": "42", "taken_utc": "2026-05-01T10:00:00Z", "valid_days": 30},
         "old": {"camera_serial": "42", "taken_utc": "2020-05-01T10:00:00Z"},
