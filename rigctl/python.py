@@ -23,9 +23,9 @@ from rigctl.files.choices import FrameKind
 from rigctl.files.regions import Region
 from rigctl.files.scene_file import load_scene
 from rigctl.report.data_frames import Backend, optional
-from rigctl.runs.check import wholeness, wholeness_remark
+from rigctl.runs.check import run_with_remarks, wholeness
 from rigctl.runs.folder import Run as RunRecord
-from rigctl.runs.folder import annotated, exclusion_remark, read_contents, read_frame, read_run, writing_process
+from rigctl.runs.folder import annotated, read_contents, read_frame, read_run, writing_process
 from rigctl.runs.records import FrameRecord, read_events
 from rigctl.session.status import session_state
 from rigctl.verbs.options import FilePath, FrameOptions, RegionsPath
@@ -60,10 +60,9 @@ def open_run(path: FilePath, *, ignore_exclusions: bool = False) -> "Run":
     >>> run = rigctl.open_run("runs/panels")  # doctest: +SKIP
     >>> run.frames(kind="scene").counts.mean(axis=(1, 2))  # doctest: +SKIP
     """
-    record = annotated(read_run(Path(path)), ignore_exclusions=ignore_exclusions)
-    for remark in (wholeness_remark(record), None if ignore_exclusions else exclusion_remark(record)):
-        if remark is not None:
-            warnings.warn(remark, stacklevel=2)
+    record, remarks = run_with_remarks(Path(path), ignore_exclusions=ignore_exclusions)
+    for remark in remarks:
+        warnings.warn(remark, stacklevel=2)
     return Run(path=Path(path), record=record, ignore_exclusions=ignore_exclusions)
 
 

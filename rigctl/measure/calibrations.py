@@ -26,7 +26,6 @@ from rigctl.calibrations.store import (
     read_store,
 )
 from rigctl.console import Json
-from rigctl.errors import ConfigError
 from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.measure.frames import (
     FrameGrid,
@@ -40,27 +39,31 @@ from rigctl.runs.folder import Run
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationPaths:
-    """Files of calibrations."""
+    """Files of calibrations that somebody names, and where the others are picked from."""
 
-    files: Mapping[CalibrationKind, Path] = field(default_factory=dict)  #: those that are named
-    force_registration: bool = False  #: Use a registration that helps no edges too.
-    picks: bool = False  #: Pick what is not named from the store, where there is one.
-    store: Path | None = None  #: The store; None is the one that stands beside the rig file.
-    without: tuple[str, ...] = ()  #: Kinds that are not picked.
+    named: Mapping[CalibrationKind, Path] = field(default_factory=dict)  #: `NONE` for a kind that is not to be used
+    picks: bool = False  #: pick what is not named from the store, where there is one
+    store: Path | None = None  #: the store; None is the one next to the rig file
+    force_registration: bool = False  #: use a registration that helps no edges too
+
+    @property
+    def files(self) -> dict[CalibrationKind, Path]:
+        """Files that are named, by their kind."""
+        return {kind: self.named[kind] for kind in KINDS if self.named.get(kind, NONE) != NONE}
 
 
 @dataclass(frozen=True, kw_only=True)
 class PickedCalibrations(RigPicks):
     """Calibrations of a run: those that were named, and those that were picked from the store."""
 
-    paths: CalibrationPaths = CalibrationPaths()  #: all of them
+    paths: CalibrationPaths = field(default_factory=CalibrationPaths)  #: all of them
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunCalibrations:
     """Calibrations of a run: which they are, their contents, and doubts about using them for it, in words."""
 
-    picked: PickedCalibrations = PickedCalibrations()
+    picked: PickedCalibrations = field(default_factory=PickedCalibrations)
     noise: NoiseParameters | None = None
     radiometric: RadiometricResponse | None = None
     registration: ImageRegistration | None = None
@@ -86,21 +89,6 @@ def calibrations_of_run(paths: CalibrationPaths, run: Run, kinds: Sequence[Calib
 _ABOVE = 3
 
 
-def calibration_paths(
-    named: Mapping[CalibrationKind, Path | None], *, store: Path | None, force_registration: bool = False
-) -> CalibrationPaths:
-    """Return the calibrations that a command line names; ``none`` is to have none, the others are picked."""
-    if store is not None and store != NONE and not store.is_dir():
-        raise ConfigError(f"--calibrations: {store}: there is no such folder")
-    return CalibrationPaths(
-        files={kind: path for kind, path in named.items() if path is not None and path != NONE},
-        force_registration=force_registration,
-        picks=store != NONE,
-        store=None if store == NONE else store,
-        without=tuple(kind for kind, path in named.items() if path == NONE),
-    )
-
-
 def calibrations_json(picked: RigPicks | None) -> dict[str, Json]:
     """Return the calibrations that were used, by kind: file, sha256, why, age_days; empty where there is no store."""
     choices = () if picked is None or picked.store is None else picked.choices
@@ -121,16 +109,16 @@ def picked_for_run(paths: CalibrationPaths, run: Run, kinds: Sequence[Calibratio
         return PickedCalibrations(paths=paths)
     store, grid = read_store(folder), arrange(run)
     used = made_for(run, grid.frames)
-    wanted = [kind for kind in kinds if kind not in paths.without]
     choices = tuple(
-        _named(kind, paths.files[kind])
-        if kind in paths.files
+        _named(kind, paths.named[kind])
+        if kind in paths.named
         else choose(store, kind, used, require_usable=_usable(kind, run, grid))
-        for kind in wanted
+        for kind in kinds
+        if paths.named.get(kind) != NONE
     )
     picked = {choice.kind: choice.pick.file for choice in choices if choice.pick is not None}
-    together = replace(paths, files={**paths.files, **picked})
-    return PickedCalibrations(paths=together, store=folder, choices=choices, damaged=store.damaged)
+    chosen = replace(paths, named=dict(paths.named) | picked)
+    return PickedCalibrations(paths=chosen, store=folder, choices=choices, damaged=store.damaged)
 
 
 def store_of_run(run: Run) -> Path | None:

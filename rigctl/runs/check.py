@@ -5,7 +5,6 @@
 """
 
 import hashlib
-import logging
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -21,6 +20,7 @@ from rigctl.base.durable import (
     read_bounded,
     write_durably,
 )
+from rigctl.console import warn
 from rigctl.errors import DataError, RunFolderError
 from rigctl.runs.fits import decode_record
 from rigctl.runs.folder import (
@@ -38,7 +38,7 @@ from rigctl.runs.folder import (
     read_annotation_lines,
     read_contents,
     read_frame,
-    read_run,
+    run_of,
 )
 from rigctl.runs.records import (
     EVENTS_FILE,
@@ -58,7 +58,6 @@ from rigctl.runs.writer import json_line
 
 DAMAGED_FOLDER = "damaged"
 _WHOLE = "a whole frame that the manifest does not name: not acknowledged"
-_LOG = logging.getLogger(__name__)
 State = Literal["whole", "unfinished", "damaged"]
 Watch = Callable[[Sequence[FrameRecord]], Iterable[FrameRecord]]
 
@@ -154,23 +153,29 @@ def used_run(path: Path, *, ignore_exclusions: bool = False) -> Run:
 
     Problems of the run and excluded frames are reported as warnings. `ignore_exclusions` keeps the excluded frames.
     """
-    run = read_run(path)
-    used = annotated(run, ignore_exclusions=ignore_exclusions)
-    for remark in (wholeness_remark(run), exclusion_remark(used)):
-        if remark is not None:
-            _LOG.warning("%s", remark)
+    used, remarks = run_with_remarks(path, ignore_exclusions=ignore_exclusions)
+    for remark in remarks:
+        warn(remark)
     return used
 
 
-def wholeness_remark(run: Run) -> str | None:
+def run_with_remarks(path: Path, *, ignore_exclusions: bool) -> tuple[Run, tuple[str, ...]]:
+    """Return a run without its excluded frames, and in words what is wrong with it and which frames are excluded."""
+    contents = read_contents(path)
+    used = annotated(run_of(path, contents), ignore_exclusions=ignore_exclusions)
+    remarks = _wholeness_remark(used, contents), exclusion_remark(used)
+    return used, tuple(remark for remark in remarks if remark is not None)
+
+
+def _wholeness_remark(run: Run, contents: Contents) -> str | None:
     """Return a warning if a run is not whole; None if it is. The frames are not read."""
-    state, problems = wholeness(run.path, read_contents(run.path))
+    state, problems = wholeness(run.path, contents)
     if state == "unfinished":
-        return f"{run.path} is unfinished: {len(run.frames)} frames so far; `rigctl resume` continues"
+        return f"{run.path} is unfinished: {len(contents.frames)} frames so far; `rigctl resume` continues"
     if state == "damaged":
         text = "; ".join(f"{file}: {problem}" for file, problem in problems)
         return f"{run.path} is damaged, and its numbers are not to be trusted: {text}; see `rigctl verify`"
-    unused = _unnamed_files(run.path, (*run.frames, *run.excluded))
+    unused = _unnamed_files(run.path, contents.frames)
     if unused:
         return f"{run.path}: {', '.join(unused[:3])}: {len(unused)} files that the manifest does not name are not used"
     return None

@@ -103,7 +103,11 @@ def read_run(path: Path) -> Run:
     A last line of the manifest without an end is what a killed writer leaves; it is passed over, since its
     frame was never acknowledged. ``rigctl verify`` reports it.
     """
-    contents = read_contents(path)
+    return run_of(path, read_contents(path))
+
+
+def run_of(path: Path, contents: "Contents") -> Run:
+    """Return a run folder whose contents were read; RunFolderError if they are damaged."""
     problems = [f"{file}: {problem}" for file, problem in contents.problems]
     problems += [f"{r.file}: missing" for r in contents.frames if not (path / r.file).is_file()]
     description = contents.description

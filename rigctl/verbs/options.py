@@ -222,19 +222,23 @@ def engine_of(options: EngineOptions) -> "mapped.Engine":
 
 def calibrations_of(frames: FrameOptions | ScaledOptions) -> "CalibrationPaths":
     """Return the calibration files that the options name, and the store that the others are picked from."""
-    from rigctl.measure.calibrations import calibration_paths
+    from rigctl.calibrations.store import NONE
+    from rigctl.measure.calibrations import CalibrationPaths
 
-    named: dict[CalibrationKind, FilePath | None] = {
+    given: dict[CalibrationKind, FilePath | None] = {
         "noise": frames.get("noise"),
         "polarizer": frames.get("polarizer"),
         "flat": frames.get("flat"),
         "registration": frames.get("register"),
         "radiometric": cast(ScaledOptions, frames).get("radiometric"),
     }
-    store = frames.get("calibrations")
-    return calibration_paths(
-        {kind: None if path is None else Path(path) for kind, path in named.items()},
-        store=None if store is None else Path(store),
+    store = None if frames.get("calibrations") is None else Path(str(frames.get("calibrations")))
+    if store is not None and store != NONE and not store.is_dir():
+        raise ConfigError(f"--calibrations: {store}: there is no such folder")
+    return CalibrationPaths(
+        named={kind: Path(path) for kind, path in given.items() if path is not None},
+        picks=store != NONE,
+        store=None if store == NONE else store,
         force_registration=frames.get("force_registration", False),
     )
 

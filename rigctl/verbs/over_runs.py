@@ -212,8 +212,8 @@ def _settings_text(job: ArchiveJob) -> str:
         "code": code_version(PACKAGES),
         "scene": None if job.scene is None else scene_digest(load_scene(job.scene)),
         "regions": None if job.regions is None else [one.model_dump_json() for one in load_regions(job.regions)],
-        "calibrations": {kind: sha256_of(path) for kind, path in given.files.items()},
-        "picked": [given.picks, str(given.store), given.without, given.force_registration],
+        "calibrations": {kind: path if path == NONE else sha256_of(path) for kind, path in given.named.items()},
+        "picked": [given.picks, str(given.store), given.force_registration],
         "out": [str(job.out), job.full],
     }
     return json.dumps(settings, sort_keys=True, default=str)

@@ -95,7 +95,8 @@ def test_python_leaves_them_out_too(run):
     with pytest.warns(UserWarning, match="excluded frames are left out"):
         opened = rigctl.open_run(run)
     assert len(opened.frames("scene").records) == 8
-    every = rigctl.open_run(run, ignore_exclusions=True)
+    with pytest.warns(UserWarning, match="excluded frames are taken all the same"):
+        every = rigctl.open_run(run, ignore_exclusions=True)
     assert (len(every.frames("scene").records), every.stokes().measurement.grid.cycles) == (12, 3)
 
 
