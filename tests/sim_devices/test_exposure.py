@@ -40,9 +40,6 @@ from tests.sim_devices.camera_builders import (
 PIXELS = 160_000
 
 
-SHOT = Shot(noise=np.random.default_rng(1), noise_seed=1, sequence=0, exposure_s=1e-3, axis_deg=0.0)
-
-
 def frames_of(detector, *, subject, count=1, exposure_s=1e-3, gain_db=0.0):
     world = uniform_world()
     world.present(subject)
@@ -78,13 +75,6 @@ def test_dark_electrons_grow_with_exposure_and_bring_shot_noise():
     # 3 and 300 electrons: 2^2 * (3 + 25) + 1/12 and 2^2 * (300 + 25) + 1/12
     assert_moments(short, mean=106.0, variance=112.0833)
     assert_moments(long, mean=700.0, variance=1300.0833)
-
-
-def test_light_dark_electrons_and_read_noise_together():
-    detector = replace(SILENT, dark_current_e_per_s=3000.0, read_noise_e=5.0)
-    (frame,) = frames_of(detector, subject="flat")
-    # 1979.893 electrons: 100 + 3959.786; 4 * (1979.893 + 25) + 1/12
-    assert_moments(frame, mean=4059.786, variance=8019.655)
 
 
 def test_camera_gain_multiplies_electrons_and_not_the_black_level():

@@ -8,7 +8,7 @@ from model.prediction import detections_of_sweep
 from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.prediction.predict import ScenePredictor, parse_sweep, parse_sweeps
+from rigctl.prediction.predict import ScenePredictor, parse_sweeps
 from rigctl.prediction.sweep import Sweep, sweep_over
 from rigctl.report.light import light_json, phi_text
 from rigctl.report.sweep import sweep_csv, sweep_json, sweep_png, sweep_tables
@@ -138,26 +138,6 @@ def test_a_sweep_shows_detection_of_each_pair(predictor):
     assert [table.title for table in of_regions] == ["paint", "road"]
     assert of_pairs.title == "P_D at P_FA 0.001"
     assert of_pairs.columns[-1].title == "road on paint"
-
-
-@pytest.mark.parametrize(
-    "request_text", ["sun.zenith_deg", "sun.zenith_deg=1:2", "=1:2:3", "a=1:2:x", "a=1:2:3:4", "a=nan:2:3", "a=1:2:0"]
-)
-def test_a_sweep_that_cannot_be_read_is_refused(request_text):
-    with pytest.raises(ConfigError, match="RANGES"):
-        parse_sweep(request_text)
-
-
-def test_a_number_that_is_not_there_is_refused_with_what_is_near(predictor):
-    with pytest.raises(ConfigError, match=r"did you mean .*sun.zenith_deg"):
-        sweep(predictor, "sun.zenit_deg=10:80:8")
-
-
-def test_a_value_outside_its_range_is_refused(predictor):
-    with pytest.raises(ConfigError, match=r"solar zenith = 90.00 deg"):
-        sweep(predictor, "sun.zenith_deg=10:90:2")
-    with pytest.raises(ConfigError, match="f_number"):
-        sweep(predictor, "sensor.f_number=-1:1:2")
 
 
 def test_independent_texture_reaches_the_prediction(store, tmp_path):

@@ -8,10 +8,8 @@ from dataclasses import asdict, fields, replace
 import numpy as np
 import pytest
 
-from model.processing import dolp
 from rigctl.comparison.rows import Row
 from rigctl.report.comparison import (
-    _LOOKS,
     comparison_report,
     light_section,
     mixed_row_table,
@@ -127,21 +125,6 @@ def test_a_disagreement_begins_with_the_size_of_its_likeliest_cause(tmp_path, pe
     assert explained.blocks[0].text.lower().startswith(found.group().lower())
     assert not explained.folded
     assert "What disagrees" in [section.title for section in report.sections]
-
-
-def test_histogram_law_has_the_area_of_its_pixels(compared):
-    """What is drawn over the histogram is the density of the same numbers: mean of DoLP by it equals the prediction."""
-    prediction = compared[1].predictions["left"]
-    law = prediction.quantities["dolp_pixels"]
-    x = np.linspace(law["mean"] - 8 * law["std"], law["mean"] + 8 * law["std"], 2001)
-    density = dolp.pdf(x, prediction.stokes_dn.mean, prediction.stokes_dn.cov)
-    # Trapezoid over 8 deviations either side with a step of s / 125: below 1e-9 for a smooth density.
-    assert np.trapezoid(density, x) == pytest.approx(1.0, abs=1e-6)
-    assert np.trapezoid(x * density, x) == pytest.approx(law["mean"], rel=1e-6)
-
-
-def test_every_cause_of_the_budget_has_a_look_of_its_own():
-    assert len(set(_LOOKS.values())) >= len(_LOOKS) - 1
 
 
 ROW = Row(

@@ -73,14 +73,6 @@ def test_a_read_noise_that_is_a_bound_bounds_the_curve_of_the_signal_to_noise_ra
     assert "flats, noise in time" in drawn
 
 
-def test_the_file_holds_spectrograms_histograms_and_defects(tmp_path: Path) -> None:
-    pattern = json.loads(write(tmp_path).read_text())["fixed_pattern"]
-    assert set(pattern["spectrograms"]) == {"dark_rows_dn", "dark_columns_dn", "response_rows", "response_columns"}
-    assert len(pattern["spectrograms"]["dark_rows_dn"]["amplitude"]) == SHAPE[1] // 2
-    assert sum(pattern["histograms"]["dark_dn"]["counts"]) == SHAPE[0] * SHAPE[1]
-    assert pattern["defects"]["n"] >= 0
-
-
 def test_the_defect_map_is_a_picture_of_the_sensor(tmp_path: Path) -> None:
     content = json.loads(write(tmp_path, "--defects", str(tmp_path / "defects.png")).read_text())
     found = cv2.imread(str(tmp_path / "defects.png"), cv2.IMREAD_UNCHANGED)

@@ -7,7 +7,6 @@ import pytest
 
 from drivers.stages.elliptec import connect_elliptec
 from drivers.stages.zaber import connect_zaber
-from rigctl.report.polarizer import characterisation_png
 from rigctl.rig.characterise import Characterisation, characterisation_file, characterise
 from sim_devices.clock import ManualClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
@@ -75,10 +74,6 @@ def test_the_file_holds_every_visit_and_is_json() -> None:
     assert len(content["visits"]) == 2 * 2 * len(ANGLES_DEG)
     assert content["stage"]["serial_number"] == "114821"
     assert content["backlash_deg"]["std_error"] > 0.0
-
-
-def test_the_plot_is_a_png() -> None:
-    assert characterisation_png(measured("sim:zaber", repeats=2)).startswith(b"\x89PNG")
 
 
 def test_one_visit_has_no_scatter() -> None:

@@ -55,14 +55,6 @@ def test_another_stage_than_the_rig_files_is_refused() -> None:
         pass
 
 
-def test_a_wrong_simulated_address_is_refused_with_all_keys() -> None:
-    with (
-        pytest.raises(ConfigError, match=r"(?s)stage.port: .*'stal' is no key.*stall= number"),
-        open_stage(section(port="sim:ellx?stal=3"), warn=pytest.fail),
-    ):
-        pass
-
-
 def test_a_numbered_port_is_warned_about() -> None:
     warnings: list[str] = []
     with pytest.raises(NotConnectedError), open_stage(section(port="/dev/ttyUSB99"), warn=warnings.append):

@@ -183,14 +183,6 @@ def test_frames_of_two_sizes_do_not_go_into_one_array(tmp_path, to, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_existing_files_are_not_overwritten(tmp_path, capsys):
-    run = write_run(tmp_path / "run")
-    (tmp_path / "mine.h5").write_text("precious")
-    assert main(["export", str(run), "--to", "hdf5", "--out", str(tmp_path / "mine.h5")]) == 2
-    assert "is there already" in capsys.readouterr().err
-    assert (tmp_path / "mine.h5").read_text() == "precious"
-
-
 def test_a_damaged_frame_is_not_exported(tmp_path):
     run = write_run(tmp_path / "run")
     frame = next((run / "frames").glob("*.fits"))

@@ -122,13 +122,6 @@ def test_a_time_that_is_not_marked_as_utc_is_refused_and_numbers_of_numpy_are_nu
     assert verify_run(path).ok
 
 
-def test_frames_can_be_added_later(tmp_path):
-    path = write_run(tmp_path / "run")
-    with RunWriter.append(path) as writer:
-        writer.write_frame(make_record(writer.next_sequence, kind="dark"), noisy_counts(9))
-    assert [record.kind for record in read_run(path).frames] == ["scene", "scene", "scene", "dark"]
-
-
 def test_torn_line_is_cut_off_before_more_is_added(tmp_path):
     path = write_run(tmp_path / "run", frames=1)
     with (path / "manifest.jsonl").open("ab") as manifest:

@@ -88,7 +88,6 @@ def test_a_rectangle_of_the_picture_has_its_own_place_in_the_field(light, tmp_pa
 
 
 FIELD = "[field_of_view]\nwidth_deg = 15\nheight_deg = 15\n"
-WITH_RECTANGLE = SCENE.replace("texture_rms = 0.02", 'extent = "rectangle"') + FIELD
 
 
 @pytest.mark.parametrize(
@@ -116,13 +115,6 @@ WITH_RECTANGLE = SCENE.replace("texture_rms = 0.02", 'extent = "rectangle"') + F
 def test_what_the_model_cannot_do_is_refused_by_name(light, tmp_path, region, text, changes, said):
     with pytest.raises(ConfigError, match=said):
         region_light(light, tmp_path, text, region=region, **changes)
-
-
-def test_what_was_computed_is_not_computed_again(light, tmp_path):
-    first = region_light(light, tmp_path)
-    assert region_light(light, tmp_path) is first
-    assert region_light(light, tmp_path, **{"noise.read_noise_e": 3.0}) is first
-    assert region_light(light, tmp_path, **{"regions.paint.n": 1.51}) is not first
 
 
 def test_the_remarks_name_depth_tier_and_the_largest_uncertainty(light, tmp_path):
@@ -369,11 +361,6 @@ def test_the_sampled_sky_is_that_of_the_atmosphere():
     exact = made.lighting.sky(zenith_rad=[0.3, 1.2], phi_rad=[0.4, 2.0])
     sampled = made.diffuse_radiance.sky(zenith_rad=[0.3, 1.2], phi_rad=[0.4, 2.0])
     assert np.max(np.abs(sampled - exact)) < 3.0 * made.diffuse_radiance.relative_error * exact[0, 0]
-
-
-def test_a_low_sun_is_refused_before_anything_is_computed():
-    with pytest.raises(ValueError, match="allowed is 0 to 85 deg"):
-        lit(air(86.0), store=LightStore(solver=None))
 
 
 TABLE_ARRAYS = {

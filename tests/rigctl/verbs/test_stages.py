@@ -46,18 +46,6 @@ def test_a_served_stage_answers_any_program_until_it_is_stopped(tmp_path: Path) 
     assert truth.read_text().startswith("time_s,angle_deg\n0.")
 
 
-def test_a_wrong_address_is_refused_with_all_keys(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["sim", "stage", "sim:ellx?stal=3", "--link", str(tmp_path / "x")]) == 2
-    assert "stall= number of the move that stalls" in capsys.readouterr().err
-
-
-def test_a_link_that_is_there_already_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    link = tmp_path / "stage"
-    link.write_text("mine")
-    assert cli.main(["sim", "stage", "sim:ellx", "--link", str(link)]) == 2
-    assert "is there already" in capsys.readouterr().err
-
-
 def test_devices_finds_a_served_stage_and_prints_its_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     link = tmp_path / "stage"
     with serve_stage("sim:zaber?speed=20", link=link, truth=None):
