@@ -1,26 +1,22 @@
 """Every fault of a simulated GigE camera and its network, at every call: how does the driver react, and when?
 
 A cell is right if its call ends in a picture that is bit for bit one that was sent, or in an error of the right type,
-within its deadline and half a second. Run as a program, this module is the camera's own process.
+within its deadline and half a second.
 """
 
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-import numpy as np
-
-from benchmarks.trials.lossy_network import NumberedPictures, picture
 from drivers.cameras.bounded_camera import BoundedCamera
 from drivers.cameras.gige import open_gige
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError, ProtocolError
-from sim_devices.cameras.gige_server import GigeFaults, serve_behind_network, serve_gige_camera
+from sim_devices.cameras.gige_server import GigeFaults, serve_behind_network
+from tests.sim_devices.cameras.camera_process import CameraProcess, camera_process
+from tests.sim_devices.cameras.gige_port import ADDRESS
+from tests.sim_devices.cameras.known_pictures import KnownPictures, is_known
 
-ADDRESS = "127.0.0.1"
 GRACE_S = 0.5
 Cell = tuple[str, bool]  # how the call ended, and whether that is right
 _OPTIONS = "pixel_format=Mono12Packed&retakes=5"
@@ -35,43 +31,21 @@ class CameraFault:
     """A fault; it strikes the camera's process just before the call, or is in its network from the start."""
 
     name: str
-    strikes: Callable[["CameraProcess"], None] | None = None
+    strikes: Callable[[CameraProcess], None] | None = None
     faults: GigeFaults | None = None  #: of the network; such cameras are served in this process
     errors: tuple[type[DeviceError], ...] = ()  #: the right errors; if empty, every call has to succeed
 
 
-class CameraProcess:
-    """A camera in a process of its own."""
-
-    def __init__(self) -> None:
-        self.start()
-
-    def start(self) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "benchmarks.trials.camera_faults"], stdout=subprocess.PIPE, text=True
-        )
-        if self._process.stdout is None or self._process.stdout.readline() != "ready\n":
-            raise RuntimeError("the camera's process did not start")
-
-    def kill(self) -> None:
-        self._process.kill()
-        self._process.wait()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
-
-    def stop(self) -> None:
-        self._process.send_signal(signal.SIGSTOP)
-
-    def restart(self) -> None:
-        self.kill()
-        self.start()
+def _restart(process: CameraProcess) -> None:
+    process.kill()
+    process.start()
 
 
 CAMERA_FAULTS = (
     CameraFault(name="none", strikes=lambda _: None),
-    CameraFault(name="silent from here on", strikes=CameraProcess.stop, errors=_GONE),
+    CameraFault(name="silent from here on", strikes=CameraProcess.hang, errors=_GONE),
     CameraFault(name="its power goes here", strikes=CameraProcess.kill, errors=_GONE),
-    CameraFault(name="its power goes and comes back here", strikes=CameraProcess.restart, errors=_GONE),
+    CameraFault(name="its power goes and comes back here", strikes=_restart, errors=_GONE),
     CameraFault(name="0.1 % of packets lost, sent again", faults=GigeFaults(lost_share=0.001)),
     CameraFault(name="1 % of packets lost, sent again", faults=GigeFaults(lost_share=0.01)),
     CameraFault(name="5 % of packets lost, sent again", faults=GigeFaults(lost_share=0.05)),
@@ -119,20 +93,16 @@ def run_camera_cell(fault: CameraFault, call: str) -> CameraOutcome | None:
 def _place_of(fault: CameraFault) -> Iterator[tuple[str, Callable[[], None]]]:
     """Give the address of a camera, and what lets the fault strike."""
     if fault.faults is not None:
-        with serve_behind_network(NumberedPictures(), faults=fault.faults) as address:
+        with serve_behind_network(KnownPictures(), faults=fault.faults) as address:
             yield f"{address}?{_OPTIONS}", lambda: None
         return
-    process, strikes = CameraProcess(), fault.strikes
-    try:
-        yield f"{ADDRESS}?{_OPTIONS}", lambda: None if strikes is None else strikes(process)
-    finally:
-        process.kill()
+    with camera_process() as process:
+        yield f"{ADDRESS}?{_OPTIONS}", lambda: None if fault.strikes is None else fault.strikes(process)
 
 
 def _make(camera: BoundedCamera, call: str) -> None:
     if call == "take":
-        counts = camera.take_frame(timeout_s=CALLS["take"]).counts
-        if not np.array_equal(counts, picture(int(counts[0, 0]))):
+        if not is_known(camera.take_frame(timeout_s=CALLS["take"]).counts):
             raise AssertionError("this picture was never sent")
     elif call == "set":
         camera.configure(exposure_s=2.0 * _EXPOSURE_S, gain_db=1.0)
@@ -163,14 +133,3 @@ def camera_rows() -> Iterator[tuple[str, list[Cell]]]:
             fault.name,
             [("not reached", True) if o is None else (f"{o.word}; {o.duration_s:.1f} s", o.is_right) for o in outcomes],
         )
-
-
-def _serve() -> None:
-    with serve_gige_camera(NumberedPictures(), address=ADDRESS):
-        sys.stdout.write("ready\n")
-        sys.stdout.flush()
-        signal.pause()
-
-
-if __name__ == "__main__":
-    _serve()

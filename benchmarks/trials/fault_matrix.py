@@ -5,7 +5,7 @@ stages is simulated. `tests/contracts/test_fault_matrix.py` tries the cells of s
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from benchmarks.trials.camera_faults import CALLS, Cell, camera_rows
@@ -20,24 +20,14 @@ from drivers.errors import (
     ProtocolError,
 )
 from drivers.interfaces import RotationStage
-from drivers.stages.apt import connect_apt
-from drivers.stages.elliptec import connect_elliptec
-from drivers.stages.zaber import connect_zaber
-from sim_devices.clock import ManualClock
-from sim_devices.stages.catalogue import make_stage, parse_stage_address
-from sim_devices.stages.stage import InProcessPort, SimulatedStage
+from tests.drivers.stages.lines import CONNECT, Bench
 
 TOLERANCE_DEG = 0.02
 _HALF_COUNT_DEG = 0.0028  # of the coarsest encoder, 65536 counts
 _TARGET_DEG = 90.0
 _SEEDS = 20
 
-_CONNECT: dict[str, Callable[..., RotationStage]] = {
-    "ellx": connect_elliptec,
-    "zaber": connect_zaber,
-    "apt": connect_apt,
-}
-FAMILIES = tuple(_CONNECT)
+FAMILIES = tuple(CONNECT)
 Errors = tuple[type[DeviceError], ...]
 _DAMAGE: Errors = (ProtocolError, DeviceTimeoutError, DeviceFaultError, LimitError)
 _LATE: Errors = (ProtocolError, DeviceTimeoutError)
@@ -165,14 +155,11 @@ class _WrongAngleError(Exception):
     """What must never be."""
 
 
-class _Bench:
+class _Bench(Bench):
     """A simulated stage, and its driver once it is opened."""
 
     def __init__(self, family: str, keys: str, *, seed: int) -> None:
-        self.family = family
-        self.clock = ManualClock()
-        seeded = keys if "seed=" in keys else f"{keys}&seed={seed}".lstrip("&")
-        self.machine: SimulatedStage = make_stage(parse_stage_address(f"sim:{family}?{seeded}"), clock=self.clock)
+        super().__init__(f"{family}?" + (keys if "seed=" in keys else f"{keys}&seed={seed}".lstrip("&")))
         self.stage: RotationStage | None = None
 
     def prepare(self, operation: str) -> None:
@@ -183,10 +170,7 @@ class _Bench:
             self.opened().home()
 
     def open(self) -> None:
-        port = InProcessPort(self.machine, clock=self.clock)
-        self.stage = _CONNECT[self.family](
-            port, tolerance_deg=TOLERANCE_DEG, now_s=self.clock.now_s, sleep=self.clock.sleep
-        )
+        self.stage = self.connect(tolerance_deg=TOLERANCE_DEG)
 
     def opened(self) -> RotationStage:
         if self.stage is None:
@@ -211,7 +195,7 @@ class _Bench:
             self.opened().stop()
 
     def _require_true(self, angle_deg: float, *, within_deg: float = TOLERANCE_DEG) -> None:
-        self._require(_apart_deg(self.machine.true_angle_deg(), angle_deg) <= within_deg)
+        self._require(self.off_deg(angle_deg) <= within_deg)
 
     def _require(self, so: bool) -> None:
         if not so:

@@ -1,8 +1,7 @@
 """Sessions over a network that loses packets: is every stored frame whole, and how does each session end?
 
-Each picture holds its own number, and is noise that follows from it, so that every stored frame can be held against
-what was sent, bit for bit. The stage is there at once; the camera is the simulated one, behind its driver and UDP
-packets.
+Every picture is known bit for bit. The stage is there at once; the camera is a simulated one, behind its driver and the
+network.
 """
 
 import json
@@ -12,14 +11,10 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from drivers.cameras.aravis import load_aravis
 from drivers.cameras.bounded_camera import BoundedCamera
 from drivers.cameras.gige import open_gige
 from drivers.errors import DeviceError, NotConnectedError
-from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition, StageStatus
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
 from rigctl.rig.rig import Rig
@@ -27,10 +22,10 @@ from rigctl.runs.folder import Run, read_run
 from rigctl.runs.records import EVENTS_FILE
 from rigctl.session.take import take_session
 from sim_devices.cameras.gige_server import GigeFaults, serve_behind_network, serve_gige_camera
+from tests.sim_devices.cameras.known_pictures import KnownPictures, is_known, marking_rig
 
 ADDRESS = "127.0.0.1"
 PLACE = f"{ADDRESS}?pixel_format=Mono12Packed"
-WIDTH, HEIGHT, BIT_DEPTH = 782, 582, 12
 EXPOSURE_MS = 2.0
 # Share of packets lost, and whether the camera sends them again on request.
 _LOSSES = ((0.0, False), (1e-4, False), (1e-3, False), (1e-2, False), (0.01, True), (0.05, True))
@@ -40,97 +35,19 @@ _RIG = {
     "polarizer": {"sense": 1, "offset_deg": 0.0},
     "camera": {"address": f"gige:{PLACE}"},
 }
-_TOP = 2**BIT_DEPTH
-_NOISE = np.random.default_rng(1).integers(0, _TOP, (HEIGHT, WIDTH), dtype=np.uint16)
-
-
-class NumberedPictures:
-    """A source of pictures that follow from their number."""
-
-    def __init__(self) -> None:
-        self._number = 0
-        self.configure(exposure_s=EXPOSURE_MS / 1e3, gain_db=0.0)
-
-    def __enter__(self) -> "NumberedPictures":
-        return self
-
-    def __exit__(self, *exc_info: object) -> None:
-        self.close()
-
-    def identify(self) -> DeviceIdentity:
-        return DeviceIdentity(model="numbered pictures", serial_number="1", firmware="none")
-
-    def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
-        self._settings = CameraSettings(
-            exposure_s=exposure_s, gain_db=gain_db, width=WIDTH, height=HEIGHT, bit_depth=BIT_DEPTH
-        )
-        return self._settings
-
-    def take_frame(self, *, timeout_s: float) -> Frame:
-        self._number += 1
-        return Frame(
-            counts=picture(self._number),
-            settings=self._settings,
-            sequence=self._number,
-            start_utc_ns=0,
-            end_utc_ns=0,
-            start_monotonic_ns=0,
-        )
-
-    def close(self) -> None:
-        pass
-
-
-class StillStage:
-    """A stage that is where it was sent to at once."""
-
-    def __enter__(self) -> "StillStage":
-        return self
-
-    def __exit__(self, *exc_info: object) -> None:
-        self.close()
-
-    def identify(self) -> DeviceIdentity:
-        return DeviceIdentity(model="still", serial_number="1", firmware="none")
-
-    def home(self) -> StagePosition:
-        return self.position()
-
-    def move_to(self, angle_deg: float, *, way: str = "short") -> Move:
-        position = StagePosition(angle_deg=angle_deg, counts=0)
-        return Move(target_deg=angle_deg, position=position, tries=1, duration_s=0.0)
-
-    def position(self) -> StagePosition:
-        return StagePosition(angle_deg=0.0, counts=0)
-
-    def status(self) -> StageStatus:
-        return StageStatus(moving=False, homed=True, code=0, meaning="ok")
-
-    def stop(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
-
-
-def picture(number: int) -> NDArray[np.uint16]:
-    """Return the picture of a number."""
-    counts: NDArray[np.uint16] = (_NOISE + np.uint16(13 * number % _TOP)) % np.uint16(_TOP)
-    counts[0, 0] = number % _TOP
-    return counts
 
 
 @contextmanager
-def _lossy_camera(lost_share: float, *, resends: bool) -> Iterator[BoundedCamera]:
+def _lossy_camera(source: KnownPictures, lost_share: float, *, resends: bool) -> Iterator[BoundedCamera]:
     """Give a camera whose network loses packets: from the start where they are sent again, else once it is open."""
     if resends:
         with (
-            serve_behind_network(NumberedPictures(), faults=GigeFaults(lost_share=lost_share)) as address,
+            serve_behind_network(source, faults=GigeFaults(lost_share=lost_share)) as address,
             open_gige(PLACE.replace(ADDRESS, address)) as camera,
         ):
             yield camera
         return
-    with serve_gige_camera(NumberedPictures(), address=ADDRESS) as device, open_gige(PLACE) as camera:
+    with serve_gige_camera(source, address=ADDRESS) as device, open_gige(PLACE) as camera:
         device.lose_packets(lost_share)
         yield camera
 
@@ -138,16 +55,9 @@ def _lossy_camera(lost_share: float, *, resends: bool) -> Iterator[BoundedCamera
 @contextmanager
 def lossy_rig(lost_share: float, *, resends: bool) -> Iterator[Rig]:
     """Give a rig whose network loses packets."""
-    with _lossy_camera(lost_share, resends=resends) as camera:
-        stage = StillStage()
-        yield Rig(
-            stage=stage,
-            camera=camera,
-            stage_identity=stage.identify(),
-            camera_identity=camera.identify(),
-            present=lambda _: None,
-            origin="device",
-        )
+    source = KnownPictures()
+    with _lossy_camera(source, lost_share, resends=resends) as camera, marking_rig(source, camera) as rig:
+        yield rig
 
 
 def one_session(
@@ -163,7 +73,7 @@ def one_session(
     except DeviceError as failure:
         error = f"{type(failure).__name__}: {failure}"
     run = read_run(folder)
-    broken = sum(not np.array_equal(counts, picture(int(counts[0, 0]))) for counts in map(run.counts, run.frames))
+    broken = sum(not is_known(run.counts(record)) for record in run.frames)
     return error, len(run.frames), broken, _tally(run)
 
 

@@ -18,15 +18,16 @@ import numpy as np
 from benchmarks.trials.lossy_network import why_no_camera
 from drivers.cameras.aravis import load_aravis
 from drivers.cameras.gige import GigeLink, open_gige, read_gige_place
-from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, RotationStage
+from drivers.interfaces import Frame, RotationStage
 from drivers.stages.elliptec import open_elliptec
 from sim_devices.cameras.gige_server import serve_gige_camera
 from sim_devices.clock import SimClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
 from sim_devices.stages.stage import serve_on_pty
+from tests.sim_devices.cameras.known_pictures import KnownPictures
 
 ADDRESS = "127.0.0.1"
-WIDTH, HEIGHT, BIT_DEPTH = 782, 582, 12
+WIDTH, HEIGHT = 782, 582
 EXPOSURE_S, FRAME_RATE_HZ = 0.02, 20.0
 PLACE = f"{ADDRESS}?pixel_format=Mono12&trigger=free&frame_rate_hz={FRAME_RATE_HZ:g}"
 TURN_DEG = 77.0  # no multiple of it comes to an angle that was there before
@@ -48,41 +49,17 @@ class Score:
     passed_over: int = 0  #: pictures that came and were refused as too old
 
 
-class AngleCamera:
+class AngleCamera(KnownPictures):
     """A source of pictures that hold the true angle of the polarizer."""
 
     def __init__(self, true_angle_deg: Callable[[], float], *, width: int, height: int) -> None:
-        self._true_angle_deg, self._width, self._height = true_angle_deg, width, height
-        self.configure(exposure_s=EXPOSURE_S, gain_db=0.0)
-
-    def __enter__(self) -> "AngleCamera":
-        return self
-
-    def __exit__(self, *exc_info: object) -> None:
-        self.close()
-
-    def identify(self) -> DeviceIdentity:
-        return DeviceIdentity(model="true angles", serial_number="1", firmware="none")
-
-    def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
-        self._settings = CameraSettings(
-            exposure_s=exposure_s, gain_db=gain_db, width=self._width, height=self._height, bit_depth=BIT_DEPTH
-        )
-        return self._settings
+        super().__init__(width=width, height=height)
+        self._true_angle_deg = true_angle_deg
 
     def take_frame(self, *, timeout_s: float) -> Frame:
         code = round(self._true_angle_deg() % 360.0 * CODES_PER_DEG)
-        return Frame(
-            counts=np.full((self._height, self._width), code, dtype=np.uint16),
-            settings=self._settings,
-            sequence=0,
-            start_utc_ns=0,
-            end_utc_ns=0,
-            start_monotonic_ns=0,
-        )
-
-    def close(self) -> None:
-        pass
+        frame = super().take_frame(timeout_s=timeout_s)
+        return replace(frame, counts=np.full_like(frame.counts, code))
 
 
 @contextmanager

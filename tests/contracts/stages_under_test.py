@@ -8,20 +8,16 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from drivers.interfaces import RotationStage
-from drivers.stages.apt import connect_apt, open_apt
-from drivers.stages.elliptec import connect_elliptec, open_elliptec
-from drivers.stages.zaber import connect_zaber, open_zaber
-from sim_devices.clock import ManualClock, SimClock
+from drivers.stages.apt import open_apt
+from drivers.stages.elliptec import open_elliptec
+from drivers.stages.zaber import open_zaber
+from sim_devices.clock import SimClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
-from sim_devices.stages.stage import InProcessPort, serve_on_pty
+from sim_devices.stages.stage import serve_on_pty
+from tests.drivers.stages.lines import Bench
 
 TOLERANCE_DEG = 0.02
 
-CONNECT: dict[str, Callable[..., RotationStage]] = {
-    "ellx": connect_elliptec,
-    "zaber": connect_zaber,
-    "apt": connect_apt,
-}
 OPEN: dict[str, Callable[..., RotationStage]] = {"ellx": open_elliptec, "zaber": open_zaber, "apt": open_apt}
 
 
@@ -54,12 +50,9 @@ def family(address: str) -> str:
 
 @contextmanager
 def in_process(address: str) -> Iterator[StageUnderTest]:
-    clock = ManualClock()
-    machine = make_stage(parse_stage_address(address), clock=clock)
-    port = InProcessPort(machine, clock=clock)
-    connect = CONNECT[family(address)]
-    with connect(port, tolerance_deg=TOLERANCE_DEG, now_s=clock.now_s, sleep=clock.sleep) as stage:
-        yield StageUnderTest(stage=stage, tolerance_deg=TOLERANCE_DEG, true_angle_deg=machine.true_angle_deg)
+    bench = Bench(address.removeprefix("sim:"))
+    with bench.connect(tolerance_deg=TOLERANCE_DEG) as stage:
+        yield StageUnderTest(stage=stage, tolerance_deg=TOLERANCE_DEG, true_angle_deg=bench.machine.true_angle_deg)
 
 
 @contextmanager

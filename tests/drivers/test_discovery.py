@@ -14,20 +14,7 @@ from drivers.stages.apt import ask_apt
 from drivers.stages.elliptec import ask_elliptec
 from drivers.stages.serial_stage import Answer, StageProbe
 from drivers.stages.zaber import ask_zaber
-from sim_devices.clock import ManualClock
-from sim_devices.stages.catalogue import make_stage, parse_stage_address
-from sim_devices.stages.stage import InProcessPort
-
-
-class Bench:
-    """A simulated stage that is asked on its own line, at the bit rate that it understands."""
-
-    def __init__(self, address: str) -> None:
-        self.clock = ManualClock()
-        self.machine = make_stage(parse_stage_address(address), clock=self.clock)
-
-    def port(self) -> InProcessPort:
-        return InProcessPort(self.machine, clock=self.clock)
+from tests.drivers.stages.lines import Bench
 
 
 def info(usb_id: tuple[int, int] | None, device: str = "/dev/ttyUSB0") -> PortInfo:
@@ -37,10 +24,10 @@ def info(usb_id: tuple[int, int] | None, device: str = "/dev/ttyUSB0") -> PortIn
 @pytest.mark.parametrize(
     ("address", "ask", "expected"),
     [
-        ("sim:ellx", ask_elliptec, ("0", "ELL14", "11401326", "18")),
-        ("sim:ellx?model=17", ask_elliptec, ("0", "ELL17", "11401326", "18")),
-        ("sim:zaber", ask_zaber, ("1", "Zaber 50931", "114821", "7.38")),
-        ("sim:apt?model=KDC101", ask_apt, (None, "KDC101", "27000123", "3.1.2")),
+        ("ellx", ask_elliptec, ("0", "ELL14", "11401326", "18")),
+        ("ellx?model=17", ask_elliptec, ("0", "ELL17", "11401326", "18")),
+        ("zaber", ask_zaber, ("1", "Zaber 50931", "114821", "7.38")),
+        ("apt?model=KDC101", ask_apt, (None, "KDC101", "27000123", "3.1.2")),
     ],
 )
 def test_each_family_says_what_it_is_and_stays_as_it_was(
@@ -55,7 +42,7 @@ def test_each_family_says_what_it_is_and_stays_as_it_was(
     assert bench.machine.true_angle_deg() == before_deg
 
 
-@pytest.mark.parametrize("address", ["sim:ellx", "sim:zaber", "sim:apt"])
+@pytest.mark.parametrize("address", ["ellx", "sim:zaber", "sim:apt"])
 @pytest.mark.parametrize("ask", [ask_elliptec, ask_zaber, ask_apt])
 def test_a_question_of_another_family_moves_nothing(address: str, ask: partial[list[Answer]]) -> None:
     bench = Bench(address)
@@ -80,9 +67,9 @@ def test_what_may_be_anything_is_not_even_opened(usb_id: tuple[int, int] | None)
 @pytest.mark.parametrize(
     ("usb_id", "address", "driver"),
     [
-        ((0x0403, 0x6015), "sim:ellx", "ellx"),
-        ((0x0403, 0xFAF0), "sim:apt", "apt"),
-        ((0x2939, 0x495B), "sim:zaber", "zaber"),
+        ((0x0403, 0x6015), "ellx", "ellx"),
+        ((0x0403, 0xFAF0), "apt", "apt"),
+        ((0x2939, 0x495B), "zaber", "zaber"),
     ],
 )
 def test_a_known_usb_id_is_asked_its_own_question_only(usb_id: tuple[int, int], address: str, driver: str) -> None:
@@ -99,7 +86,7 @@ def test_a_known_usb_id_is_asked_its_own_question_only(usb_id: tuple[int, int], 
 
 
 def test_a_port_that_cannot_be_opened_is_told_and_the_others_are_asked() -> None:
-    bench = Bench("sim:apt")
+    bench = Bench("apt")
 
     def open_port(path: str, *, baud: int) -> BytePort:
         if path == "/dev/ttyUSB0":
@@ -113,7 +100,7 @@ def test_a_port_that_cannot_be_opened_is_told_and_the_others_are_asked() -> None
 
 
 def test_a_silent_port_is_told() -> None:
-    bench = Bench("sim:apt?silent=1")
+    bench = Bench("apt?silent=1")
     (found,) = find_stages([info((0x0403, 0xFAF0))], probe=False, open_port=lambda path, *, baud: bench.port())
     assert found.remark.startswith("no stage answers (tried apt)")
 
@@ -126,7 +113,7 @@ def test_stages_of_a_plug_in_are_found_too(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(sys.modules, "plugged_in", module)
     entry = EntryPoint(name="plugged", value="plugged_in:open", group=STAGES)
     monkeypatch.setattr(discovery, "entry_points", lambda group: [entry])
-    bench = Bench("sim:zaber")
+    bench = Bench("zaber")
     (found,) = find_stages([info((0x1234, 5))], probe=False, open_port=lambda path, *, baud: bench.port())
     assert found.driver == "plugged"
     assert found.answer is not None

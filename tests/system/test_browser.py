@@ -1,13 +1,11 @@
 """The page as people see it: in a browser on a desk and on a telephone that is touched."""
 
-import json
 import os
 import re
 import shutil
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -23,6 +21,7 @@ from rigctl.files.toml import load
 from rigctl.rig.simulated_parts import turn_lens
 from rigctl.session.take import take_session
 from tests.rigctl.example_files import small_rig, small_rig_text, small_session
+from tests.system.programs import RIGCTL, served
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(
@@ -33,17 +32,6 @@ DESK = {"viewport": {"width": 1280, "height": 800}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "color_scheme": "dark"}
 # A folder to keep a picture of each state in, for whoever wants to look.
 PICTURES = os.environ.get("RIGCTL_BROWSER_PICTURES")
-
-
-@contextmanager
-def served(*words: str) -> Iterator[dict[str, str]]:
-    """Serve a page by the command, and give its addresses."""
-    with subprocess.Popen([sys.executable, "-m", "rigctl", *words, "--json"], stdout=subprocess.PIPE) as process:
-        try:
-            assert process.stdout is not None
-            yield json.loads(process.stdout.readline())
-        finally:
-            process.terminate()
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +138,7 @@ def hands(rig: Path) -> Iterator[str]:
 @contextmanager
 def told_address(*words: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
     """Begin a command that says where its page is, and give the address."""
-    words = (sys.executable, "-m", "rigctl", *words)
+    words = (*RIGCTL, *words)
     with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stderr is not None
@@ -319,7 +307,7 @@ class Wire:
 @contextmanager
 def rigctl(*words: str) -> Iterator["subprocess.Popen[bytes]"]:
     """Begin a command, and end it in the end."""
-    with subprocess.Popen([sys.executable, "-m", "rigctl", *words], stderr=subprocess.DEVNULL) as process:
+    with subprocess.Popen([*RIGCTL, *words], stderr=subprocess.DEVNULL) as process:
         yield process
         process.kill()
 

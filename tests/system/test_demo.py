@@ -4,7 +4,6 @@ import json
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -17,6 +16,7 @@ from rigctl.verbs import demo
 from sim_devices.camera import SimCamera
 from tests.rigctl.example_files import SHORT_SESSION, SMALL_SCENE
 from tests.sim_devices.cameras.gige_port import gige_port
+from tests.system.programs import rigctl
 
 _SHORT_NOISE = """
 name = "noise"
@@ -31,12 +31,6 @@ cycles = 2
 """
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
-
-
-def _rigctl(*arguments, cwd):
-    return subprocess.run(
-        [sys.executable, "-m", "rigctl", *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=300
-    )
 
 
 @pytest.fixture
@@ -72,12 +66,12 @@ def small_demo(monkeypatch):
 
 @pytest.mark.timeout(400)
 def test_demo_does_the_whole_job_and_both_sides_agree(tmp_path):
-    result = _rigctl("demo", "--out", "demo", "--seed", "3", "--json", cwd=tmp_path)
+    result = rigctl("demo", "--out", "demo", "--seed", "3", "--json", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert json.loads(result.stdout)["agrees"] is True
     made = {path.name for path in (tmp_path / "demo").iterdir()}
     assert made >= {"run", "noise.json", "prediction.json", "comparison.json", "report.html"}
-    assert _rigctl("verify", "demo/run", cwd=tmp_path).returncode == 0
+    assert rigctl("verify", "demo/run", cwd=tmp_path).returncode == 0
     gain = json.loads((tmp_path / "demo" / "noise.json").read_text())["gain_dn_per_e"]
     assert abs(gain["value"] - 0.24) < 5 * gain["std_error"]
 
@@ -91,7 +85,7 @@ def test_a_perturbed_demo_disagrees_with_exit_code_5(in_process, small_demo):
 
 def test_demo_does_not_write_over_a_folder(tmp_path):
     (tmp_path / "mine.txt").write_text("precious")
-    result = _rigctl("demo", "--out", tmp_path, cwd=tmp_path)
+    result = rigctl("demo", "--out", tmp_path, cwd=tmp_path)
     assert result.returncode == 2
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
@@ -100,7 +94,7 @@ def test_a_stage_that_stalls_ends_with_exit_code_3_and_keeps_what_was_taken(tmp_
     rig = (EXAMPLES / "rig-sim.toml").read_text().replace("sim:ellx?speed=20", "sim:ellx?speed=20&stall=2")
     (tmp_path / "rig.toml").write_text(rig)
     (tmp_path / "scene-panels.toml").write_text((EXAMPLES / "scene-panels.toml").read_text())
-    result = _rigctl("acquire", "rig.toml", EXAMPLES / "session.toml", "--out", "run", cwd=tmp_path)
+    result = rigctl("acquire", "rig.toml", EXAMPLES / "session.toml", "--out", "run", cwd=tmp_path)
     assert result.returncode == 3
     assert "mechanical" in result.stderr
     info = json.loads(in_process("status", "run", "--contents", "--json").stdout)

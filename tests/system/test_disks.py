@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from rigctl.runs.records import read_events
 from rigctl.session.acquisition import QUEUE_FRAMES
 from rigctl.session.take import take_session
 from tests.rigctl.example_files import EXAMPLES, small_rig
+from tests.system.programs import DEADLINE_S, RIGCTL, frames_on, rigctl, wait_for
 
 _DISK_BYTES = 48 * 1024 * 1024
 _FREE_BYTES = 6 * 1024 * 1024  # six frames of 0.9 MB
@@ -31,8 +31,6 @@ cycles = 3
 [interlocks]
 disk_free_mb = 0
 """
-_DEADLINE_S = 600.0  # ends a test that hangs; a busy machine needs a minute to start a program
-_INCOMPLETE = 75
 
 
 @pytest.fixture
@@ -60,29 +58,8 @@ def _fill(disk):
 def _started(tmp_path, run, *, more=""):
     session = tmp_path / "session.toml"
     session.write_text(_SESSION + more)
-    command = [sys.executable, "-m", "rigctl", "acquire", EXAMPLES / "rig-sim.toml", session, "--out", run]
+    command = [*RIGCTL, "acquire", EXAMPLES / "rig-sim.toml", session, "--out", run]
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-
-
-def _rigctl(*arguments):
-    return subprocess.run(
-        [sys.executable, "-m", "rigctl", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=_DEADLINE_S,
-        check=False,
-    )
-
-
-def _frames_on(run):
-    return len(list((run / "frames").glob("*.fits"))) if run.exists() else 0
-
-
-def _wait_for(condition):
-    deadline = time.monotonic() + _DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
 
 
 def _words(process, until=""):
@@ -122,7 +99,7 @@ def test_a_session_that_waits_for_room_can_be_stopped_and_resumed(tmp_path, disk
     with _started(tmp_path, run) as process:
         _words(process, until="No space left on device: make room, or stop")
         # Not even the request fits on the disk.
-        assert _rigctl("stop", run).returncode == 0
+        assert rigctl("stop", run).returncode == 0
         rest = _words(process)
     assert process.returncode == 75, rest
     assert verify_run(run).ok
@@ -131,7 +108,7 @@ def test_a_session_that_waits_for_room_can_be_stopped_and_resumed(tmp_path, disk
     assert stopped.facts["reason"] == "requested"
     assert stopped.facts["not_stored"]
     ballast.unlink()
-    assert _rigctl("resume", run).returncode == 0
+    assert rigctl("resume", run).returncode == 0
     _assert_every_frame_once(run)
 
 
@@ -139,13 +116,13 @@ def test_a_session_that_waits_for_room_can_be_stopped_and_resumed(tmp_path, disk
 def test_a_full_disk_ends_the_session_where_that_is_asked_for(tmp_path, disk):
     ballast, run = _fill(disk), disk / "run"
     with _started(tmp_path, run, more='disk = "stop"\n') as process:
-        said = process.communicate(timeout=_DEADLINE_S)[1]
+        said = process.communicate(timeout=DEADLINE_S)[1]
     assert process.returncode == 4, said
     taken = len(read_run(run).frames)
     assert 3 < taken < _FRAMES
     assert verify_run(run).ok
     ballast.unlink()
-    assert _rigctl("resume", run).returncode == 0
+    assert rigctl("resume", run).returncode == 0
     _assert_every_frame_once(run)
 
 
@@ -153,13 +130,13 @@ def test_a_full_disk_ends_the_session_where_that_is_asked_for(tmp_path, disk):
 def test_a_disk_that_becomes_read_only_stops_the_session_and_a_resume_takes_the_rest(tmp_path, image):
     place, run = tmp_path / "disk", tmp_path / "disk" / "run"
     with mounted(image, place), _started(tmp_path, run) as process:
-        _wait_for(lambda: _frames_on(run) > 2)
+        wait_for(lambda: frames_on(run) > 2)
         # What ext4 itself does when its disk fails under it.
         call("mount", "-o", "remount,abort", place)
-        said = " ".join(process.communicate(timeout=_DEADLINE_S)[1].split())
+        said = " ".join(process.communicate(timeout=DEADLINE_S)[1].split())
         assert process.returncode == 4, said
         assert "Read-only file system" in said
-        refused = _rigctl("resume", run)
+        refused = rigctl("resume", run)
         assert refused.returncode == 4
         assert "Read-only file system" in " ".join(refused.stderr.split())
     # Mounted again, which replays the journal.
@@ -167,7 +144,7 @@ def test_a_disk_that_becomes_read_only_stops_the_session_and_a_resume_takes_the_
         acknowledged = len(read_run(run).frames)
         assert acknowledged > 1
         assert verify_run(run).ok
-        assert _rigctl("resume", run).returncode == 0
+        assert rigctl("resume", run).returncode == 0
         _assert_every_frame_once(run)
 
 
@@ -179,7 +156,7 @@ def test_a_slow_flush_makes_the_session_wait_and_loses_nothing(tmp_path, monkeyp
         flush(descriptor)
         if name.endswith(f".fits{PART_SUFFIX}"):
             # The first flush lasts until the session has found its queue full, the others a moment.
-            _wait_for(lambda: flushed_ns or "frames wait for the disk" in (run / "events.jsonl").read_text())
+            wait_for(lambda: flushed_ns or "frames wait for the disk" in (run / "events.jsonl").read_text())
             time.sleep(0.1)
             flushed_ns.append(time.monotonic_ns())
 

@@ -1,8 +1,6 @@
 """A rig worked over the network: devices, regions, and a session that runs in a process of its own."""
 
 import json
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -14,8 +12,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from tests.rigctl.example_files import EXAMPLES, SHORT_SESSION
-
-_DEADLINE_S = 600.0  # ends a test that hangs; a busy machine needs minutes to start a session in a process of its own
+from tests.system.programs import DEADLINE_S, served, wait_for
 
 
 class Page:
@@ -28,7 +25,7 @@ class Page:
         method = method or ("GET" if content is None else "POST")
         body = content if isinstance(content, bytes) else None if content is None else json.dumps(content).encode()
         headers = {"Authorization": "Bearer " + self._place.query.removeprefix("token=")}
-        with closing(HTTPConnection(self._place.hostname, self._place.port, timeout=_DEADLINE_S)) as connection:
+        with closing(HTTPConnection(self._place.hostname, self._place.port, timeout=DEADLINE_S)) as connection:
             connection.request(method, path, body=body, headers=headers)
             with connection.getresponse() as response:
                 data = response.read()
@@ -37,7 +34,7 @@ class Page:
     def ask_raw(self, path: str, headers: dict[str, str], body: bytes) -> int:
         """Return the status of a post whose body does not come to its end."""
         token = self._place.query.removeprefix("token=")
-        with closing(HTTPConnection(self._place.hostname, self._place.port, timeout=_DEADLINE_S)) as connection:
+        with closing(HTTPConnection(self._place.hostname, self._place.port, timeout=DEADLINE_S)) as connection:
             connection.putrequest("POST", path)
             for name, value in {"Authorization": f"Bearer {token}", **headers}.items():
                 connection.putheader(name, value)
@@ -46,7 +43,7 @@ class Page:
                 return response.status
 
     def until(self, path: str, is_so: Callable[[Any], bool]) -> Any:
-        deadline_s = time.monotonic() + _DEADLINE_S
+        deadline_s = time.monotonic() + DEADLINE_S
         while not is_so(answer := self.ask(path)[1]):
             assert time.monotonic() < deadline_s, answer
             time.sleep(0.05)
@@ -65,14 +62,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def pages(folder: Path) -> Iterator[tuple[Page, Page]]:
-    words = ["serve", str(folder / "rig.toml"), "--sessions", str(folder), "--runs", str(folder / "runs"), "--json"]
-    with subprocess.Popen([sys.executable, "-m", "rigctl", *words], stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            told = json.loads(process.stdout.readline())
-            yield Page(told["act_url"]), Page(told["look_url"])
-        finally:
-            process.terminate()
+    words = ("serve", folder / "rig.toml", "--sessions", folder, "--runs", folder / "runs")
+    with served(*words) as told:
+        yield Page(told["act_url"]), Page(told["look_url"])
 
 
 @pytest.fixture
@@ -140,7 +132,4 @@ def test_a_session_is_planned_started_asked_for_hands_and_finished(act: Page, fo
     assert act.ask(f"/api/hold{of_run}", {})[0] == 409
     # It ran in a process of its own, which prints its last line after the run folder is finished.
     log = folder / "runs" / f"{answer['run']}.log"
-    deadline_s = time.monotonic() + _DEADLINE_S
-    while "5 frames" not in (printed := log.read_text()):
-        assert time.monotonic() < deadline_s, printed
-        time.sleep(0.05)
+    wait_for(lambda: "5 frames" in log.read_text())

@@ -3,36 +3,15 @@
 import json
 import signal
 import subprocess
-import sys
-import time
 
 import pytest
 
 from tests.rigctl.example_files import small_rig_text
-
-_DEADLINE_S = 600.0  # ends a test that hangs; a busy machine needs a minute to start a program
-_INCOMPLETE = 75
-
-
-def _rigctl(*arguments):
-    return subprocess.run(
-        [sys.executable, "-m", "rigctl", *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False
-    )
-
-
-def _wait_for(condition):
-    deadline = time.monotonic() + _DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+from tests.system.programs import DEADLINE_S, INCOMPLETE, RIGCTL, frames_on, rigctl, wait_for
 
 
 def _status(run):
-    return json.loads(_rigctl("status", run, "--json").stdout)
-
-
-def _frames_on(run):
-    return len(list((run / "frames").glob("*.fits")))
+    return json.loads(rigctl("status", run, "--json").stdout)
 
 
 def _events(run):
@@ -46,9 +25,9 @@ def running(tmp_path):
     session.write_text('name = "long"\n[[take]]\nkind = "scene"\nexposure_ms = 0.03\ncycles = 1000\n')
     run = tmp_path / "run"
     (tmp_path / "rig.toml").write_text(small_rig_text(tmp_path))
-    command = [sys.executable, "-m", "rigctl", "acquire", tmp_path / "rig.toml", session, "--out", run]
+    command = [*RIGCTL, "acquire", tmp_path / "rig.toml", session, "--out", run]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
-        _wait_for(lambda: _frames_on(run))
+        wait_for(lambda: frames_on(run))
         yield run, process
         process.kill()
 
@@ -58,40 +37,40 @@ def test_status_hold_resume_and_stop_by_command(running):
     run, process = running
     assert _status(run)["state"] == "running"
     assert _status(run)["process"] == process.pid
-    assert _rigctl("hold", run).returncode == 0
-    _wait_for(lambda: '"hold"' in _events(run))
+    assert rigctl("hold", run).returncode == 0
+    wait_for(lambda: '"hold"' in _events(run))
     held = _status(run)
     assert held["state"] == "holding"
     assert held["live"]["frames_planned"] == 4000
     assert held["live"]["remaining_s"] > 0
-    assert _rigctl("resume", run).returncode == 0
-    _wait_for(lambda: '"go on"' in _events(run))
-    _wait_for(lambda: _frames_on(run) > held["frames"] + 4)
+    assert rigctl("resume", run).returncode == 0
+    wait_for(lambda: '"go on"' in _events(run))
+    wait_for(lambda: frames_on(run) > held["frames"] + 4)
     assert set(_status(run)["live"]["angles"]) == {"0", "45", "90", "135"}
-    assert _rigctl("stop", run).returncode == 0
-    assert process.wait(_DEADLINE_S) == _INCOMPLETE
+    assert rigctl("stop", run).returncode == 0
+    assert process.wait(DEADLINE_S) == INCOMPLETE
     assert _status(run)["state"] == "stopped"
-    assert _rigctl("verify", run).returncode == _INCOMPLETE
-    assert _rigctl("stop", run).returncode == 4
+    assert rigctl("verify", run).returncode == INCOMPLETE
+    assert rigctl("stop", run).returncode == 4
 
 
 def test_signals_hold_and_go_on(running):
     run, process = running
     process.send_signal(signal.SIGUSR1)
-    _wait_for(lambda: '"hold"' in _events(run))
+    wait_for(lambda: '"hold"' in _events(run))
     process.send_signal(signal.SIGUSR2)
-    _wait_for(lambda: '"go on"' in _events(run))
+    wait_for(lambda: '"go on"' in _events(run))
     assert _events(run).index('"hold"') < _events(run).index('"go on"')
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, _INCOMPLETE), (signal.SIGINT, _INCOMPLETE)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, INCOMPLETE), (signal.SIGINT, INCOMPLETE)])
 def test_a_signal_stops_between_frames(running, number, code):
     run, process = running
     process.send_signal(number)
-    assert process.wait(_DEADLINE_S) == code
+    assert process.wait(DEADLINE_S) == code
     assert '"stopped"' in _events(run)
-    assert json.loads(_rigctl("verify", run, "--json").stdout)["leftovers"] == []
+    assert json.loads(rigctl("verify", run, "--json").stdout)["leftovers"] == []
 
 
 @pytest.mark.slow
@@ -99,7 +78,7 @@ def test_of_two_simultaneous_resumes_only_one_writes(running):
     run, process = running
     process.kill()
     process.wait()
-    command = [sys.executable, "-m", "rigctl", "resume", run]
+    command = [*RIGCTL, "resume", run]
     # More than a minute of frames is left: whoever comes first is writing still when the other comes.
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) for _ in range(2)]
     loser = _first_to_end(both)
@@ -108,12 +87,12 @@ def test_of_two_simultaneous_resumes_only_one_writes(running):
     # It found the lock taken, or found a process to which its request was handed on.
     expected = {4: "is writing into this run", 0: f"asked process {winner.pid} to continue"}
     assert expected[loser.returncode] in printed
-    _wait_for(lambda: _rigctl("stop", run).returncode == 0)
-    assert winner.wait(_DEADLINE_S) == _INCOMPLETE
+    wait_for(lambda: rigctl("stop", run).returncode == 0)
+    assert winner.wait(DEADLINE_S) == INCOMPLETE
     winner.communicate()
-    assert _rigctl("verify", run).returncode == _INCOMPLETE
+    assert rigctl("verify", run).returncode == INCOMPLETE
 
 
 def _first_to_end(processes):
-    _wait_for(lambda: any(process.poll() is not None for process in processes))
+    wait_for(lambda: any(process.poll() is not None for process in processes))
     return next(process for process in processes if process.poll() is not None)

@@ -2,10 +2,8 @@
 
 import json
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing
 from http.client import HTTPConnection
 from pathlib import Path
 from socket import create_connection
@@ -17,20 +15,7 @@ from websockets.sync.client import connect
 from rigctl.cli import main
 from rigctl.session.take import take_session
 from tests.rigctl.example_files import small_rig, small_session
-
-
-@contextmanager
-def watched(*words: str) -> Iterator[str]:
-    """Serve a page by the command, and give its address."""
-    command = [sys.executable, "-m", "rigctl", "serve", *words, "--json"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            told = json.loads(process.stdout.readline())
-            assert told["act_url"] is None
-            yield told["look_url"]
-        finally:
-            process.terminate()
+from tests.system.programs import served
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +27,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def page(folder: Path) -> Iterator[str]:
-    with watched(str(folder / "run")) as address:
-        yield address
+    with served("serve", folder / "run") as told:
+        assert told["act_url"] is None
+        yield told["look_url"]
 
 
 def asked(page: str, path: str, *, method: str = "GET", **headers: str) -> tuple[int, bytes]:

@@ -66,9 +66,11 @@ class Bench:
         self.machine = make_stage(parse_stage_address(f"sim:{address}"), clock=self.clock)
         self._connect = CONNECT[address.partition("?")[0]]
 
+    def port(self) -> InProcessPort:
+        return InProcessPort(self.machine, clock=self.clock)
+
     def connect(self, **options: object) -> RotationStage:
-        port = InProcessPort(self.machine, clock=self.clock)
-        stage: RotationStage = self._connect(port, now_s=self.clock.now_s, sleep=self.clock.sleep, **options)
+        stage: RotationStage = self._connect(self.port(), now_s=self.clock.now_s, sleep=self.clock.sleep, **options)
         return stage
 
     def homed(self, **options: object) -> RotationStage:

@@ -5,23 +5,16 @@ import math
 
 import pytest
 
-from drivers.stages.elliptec import connect_elliptec
-from drivers.stages.zaber import connect_zaber
 from rigctl.rig.characterise import Characterisation, characterisation_file, characterise
-from sim_devices.clock import ManualClock
-from sim_devices.stages.catalogue import make_stage, parse_stage_address
-from sim_devices.stages.stage import InProcessPort
+from tests.drivers.stages.lines import Bench
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 COUNT_DEG = 360.0 / 1536000
 
 
 def measured(address: str, *, repeats: int = 4, watch_s: float = 1.0) -> Characterisation:
-    clock = ManualClock()
-    machine = make_stage(parse_stage_address(address), clock=clock)
-    connect = connect_elliptec if address.startswith("sim:ellx") else connect_zaber
-    port = InProcessPort(machine, clock=clock)
-    with connect(port, tolerance_deg=1.0, now_s=clock.now_s, sleep=clock.sleep) as stage:
+    bench = Bench(address)
+    with bench.connect(tolerance_deg=1.0) as stage:
         return characterise(
             stage,
             ANGLES_DEG,
@@ -29,13 +22,13 @@ def measured(address: str, *, repeats: int = 4, watch_s: float = 1.0) -> Charact
             band_deg=0.01,
             watch_s=watch_s,
             progress=lambda _: None,
-            now_s=clock.now_s,
-            sleep=clock.sleep,
+            now_s=bench.clock.now_s,
+            sleep=bench.clock.sleep,
         )
 
 
 def test_backlash_and_repeatability_are_found() -> None:
-    result = measured("sim:zaber?backlash=0.03&landing=0.002&seed=4", repeats=8)
+    result = measured("zaber?backlash=0.03&landing=0.002&seed=4", repeats=8)
     # 8 visits to 4 angles from each side: the backlash has a standard error of 0.002 sqrt(2/32) = 0.0005 degrees, of
     # which 4 are allowed; the deviation, of 56 degrees of freedom, one of 1/sqrt(112) = 9.4 %.
     assert result.backlash_deg == pytest.approx(0.03, abs=4 * 0.0005)
@@ -44,13 +37,13 @@ def test_backlash_and_repeatability_are_found() -> None:
 
 
 def test_a_perfect_stage_is_off_by_its_rounding_only() -> None:
-    result = measured("sim:zaber?landing=0", repeats=2)
+    result = measured("zaber?landing=0", repeats=2)
     assert result.largest_error_deg <= COUNT_DEG / 2 + 1e-9  # rounding of angles up to 360
     assert result.settle_s == 0.0
 
 
 def test_the_time_to_settle_is_that_of_the_creeping() -> None:
-    result = measured("sim:zaber?landing=0&creep=0.1", repeats=2)
+    result = measured("zaber?landing=0&creep=0.1", repeats=2)
     # It creeps by 0.1 exp(-t/0.1 s) and is within 0.01 degrees after 0.23 s. The driver sees the end of the motion up
     # to its 0.05 s of polling later, and readings are 0.02 s apart.
     true_s = 0.1 * math.log(10.0)
@@ -59,17 +52,17 @@ def test_the_time_to_settle_is_that_of_the_creeping() -> None:
 
 
 def test_a_stage_that_was_watched_too_shortly_is_reported() -> None:
-    assert not measured("sim:zaber?landing=0&creep=0.1", repeats=2, watch_s=0.15).is_settled
+    assert not measured("zaber?landing=0&creep=0.1", repeats=2, watch_s=0.15).is_settled
 
 
 def test_an_angle_is_reached_from_the_side_that_it_says() -> None:
-    result = measured("sim:ellx?landing=0&backlash=0.05", repeats=2)
+    result = measured("ellx?landing=0&backlash=0.05", repeats=2)
     for visit in result.visits:
         assert (visit.error_deg < 0.0) == (visit.side == "forward")
 
 
 def test_the_file_holds_every_visit_and_is_json() -> None:
-    result = measured("sim:zaber", repeats=2)
+    result = measured("zaber", repeats=2)
     content = json.loads(json.dumps(characterisation_file(result)))
     assert len(content["visits"]) == 2 * 2 * len(ANGLES_DEG)
     assert content["stage"]["serial_number"] == "114821"
@@ -78,4 +71,4 @@ def test_the_file_holds_every_visit_and_is_json() -> None:
 
 def test_one_visit_has_no_scatter() -> None:
     with pytest.raises(ValueError, match="2 or more"):
-        measured("sim:zaber", repeats=1)
+        measured("zaber", repeats=1)

@@ -9,9 +9,7 @@ import pytest
 
 from drivers.cameras.gige import open_gige
 from drivers.errors import DeviceError, ProtocolError
-from drivers.interfaces import DeviceIdentity, Move, StagePosition, StageStatus
 from rigctl.files.session_file import SessionFile
-from rigctl.rig.rig import Rig
 from rigctl.runs.check import verify_run
 from rigctl.runs.folder import read_run
 from rigctl.runs.records import pictures_lost, read_description, read_events
@@ -19,28 +17,10 @@ from rigctl.session.take import resume_session, take_session
 from sim_devices.cameras.gige_server import GigeFaults, serve_behind_network, serve_gige_camera
 from tests.rigctl.session.made_rig import RIG_FILE, events_of
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
-from tests.sim_devices.cameras.known_pictures import EXPOSURE, MARK, KnownPictures, assert_known
+from tests.sim_devices.cameras.known_pictures import EXPOSURE, MARK, KnownPictures, assert_known, marking_rig
 
 EXPOSURE_MS = 4.0
 OPTIONS = "pixel_format=Mono12Packed&retakes=10"
-
-
-class MarkingStage:
-    """Turns at once, and marks from then on every picture with its angle."""
-
-    def __init__(self, source):
-        self._source = source
-
-    def home(self):
-        return StagePosition(angle_deg=0.0, counts=0)
-
-    def status(self):
-        return StageStatus(moving=False, homed=True, code=0, meaning="ok")
-
-    def move_to(self, angle_deg):
-        self._source.mark = round(angle_deg % 360.0)
-        position = StagePosition(angle_deg=angle_deg, counts=self._source.mark)
-        return Move(target_deg=angle_deg, position=position, tries=1, duration_s=0.0)
 
 
 @contextmanager
@@ -63,14 +43,8 @@ def opener(*, faults=None, lost_from_then_on=0.0, width=64, height=48):
         with served(source, faults) as (device, place), open_gige(f"{place}?{OPTIONS}") as camera:
             if device is not None:
                 device.lose_packets(lost_from_then_on)
-            yield Rig(
-                stage=MarkingStage(source),
-                camera=camera,
-                stage_identity=DeviceIdentity(model="marking", serial_number="1", firmware="0"),
-                camera_identity=camera.identify(),
-                present=lambda _: None,
-                origin="device",
-            )
+            with marking_rig(source, camera) as rig:
+                yield rig
 
     return opened
 

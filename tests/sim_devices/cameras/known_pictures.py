@@ -2,11 +2,13 @@
 
 import threading
 import time
+from contextlib import contextmanager
 
 import numpy as np
 
 from drivers.errors import LimitError
-from drivers.interfaces import CameraSettings, DeviceIdentity, Frame
+from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition, StageStatus
+from rigctl.rig.rig import Rig
 
 BIT_DEPTH = 12
 _TOP = 2**BIT_DEPTH
@@ -85,9 +87,48 @@ def known_counts(noise, number, *, mark, exposure_s):
     return counts
 
 
-def assert_known(counts):
-    """Fail unless a picture is one of these, bit for bit."""
+def is_known(counts):
+    """Return whether a picture is one of these, bit for bit."""
     height, width = counts.shape
     noise = np.random.default_rng(9).integers(0, _TOP, (height, width), dtype=np.uint16)
-    expected = known_counts(noise, int(counts[NUMBER]), mark=int(counts[MARK]), exposure_s=int(counts[EXPOSURE]) / 1e5)
-    np.testing.assert_array_equal(counts, expected)
+    number, mark, exposure_s = int(counts[NUMBER]), int(counts[MARK]), int(counts[EXPOSURE]) / 1e5
+    return np.array_equal(counts, known_counts(noise, number, mark=mark, exposure_s=exposure_s))
+
+
+def assert_known(counts):
+    assert is_known(counts)
+
+
+class MarkingStage:
+    """Turns at once, and marks from then on every picture with its angle."""
+
+    def __init__(self, source):
+        self._source = source
+
+    def identify(self):
+        return DeviceIdentity(model="marking", serial_number="1", firmware="0")
+
+    def home(self):
+        return StagePosition(angle_deg=0.0, counts=0)
+
+    def status(self):
+        return StageStatus(moving=False, homed=True, code=0, meaning="ok")
+
+    def move_to(self, angle_deg):
+        self._source.mark = round(angle_deg % 360.0)
+        position = StagePosition(angle_deg=angle_deg, counts=self._source.mark)
+        return Move(target_deg=angle_deg, position=position, tries=1, duration_s=0.0)
+
+
+@contextmanager
+def marking_rig(source, camera):
+    """Give a rig of a stage that marks the pictures of a source, and of a camera that takes them."""
+    stage = MarkingStage(source)
+    yield Rig(
+        stage=stage,
+        camera=camera,
+        stage_identity=stage.identify(),
+        camera_identity=camera.identify(),
+        present=lambda _: None,
+        origin="device",
+    )
