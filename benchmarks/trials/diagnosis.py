@@ -1,4 +1,4 @@
-"""Trial of a run's diagnosis over worldlike runs of other kinds: false findings, one fault, two faults, odd pictures.
+"""Trial of a run's diagnosis over worldlike runs of other kinds: false findings, one fault, two faults.
 
 Faults are ten of their own errors, as a run of the same scene without a fault states them (two: of their joint errors);
 scenes are the same with the fault and without, noise is not. A fault counts as named where it is named, or where the
@@ -65,8 +65,6 @@ class Tried:
         Whether it was named itself, without any confusion with others, or named or in a stated confusion.
     reason
         Why nothing is testable.
-    is_apart, is_free
-        Whether it can be told from every other set of as many causes, and with every term of the model free.
     """
 
     seed: int
@@ -77,8 +75,6 @@ class Tried:
     found: bool
     reason: str = ""
     outright: bool = False
-    is_apart: bool = False
-    is_free: bool = False
 
 
 def _inputs(world: World, frames: Frames) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
@@ -111,10 +107,7 @@ def _named(found: Diagnosis) -> tuple[Which, ...]:
 
 def without_fault(seed: int) -> Tried:
     """Diagnose a run without a fault."""
-    return _without_fault(seed, _world(np.random.default_rng([seed, 1]), seed))
-
-
-def _without_fault(seed: int, world: World) -> Tried:
+    world = _world(np.random.default_rng([seed, 1]), seed)
     found = diagnosed(world, expose(world, Faults(), np.random.default_rng([seed, 2])))
     return Tried(
         seed=seed,
@@ -125,22 +118,6 @@ def _without_fault(seed: int, world: World) -> Tried:
         found=not _named(found),
         reason=found.reason,
     )
-
-
-def flat_without_fault(seed: int) -> Tried:
-    """Diagnose a run of 8 bits without a fault, of flat parts and hardly any noise: each part has its own rounding."""
-    rng = np.random.default_rng([seed, 7])
-    world = other_world(
-        rng,
-        scene=str(rng.choice(["steps", "half flat", "checker", "stripes"])),
-        full_scale_dn=255,
-        electrons=1e9,
-        read_noise_dn=float(rng.choice([0.0, 0.03, 0.1])),
-        is_evenly_polarized=True,
-        is_demosaiced=False,
-        resampled_deg=0.0,
-    )
-    return _without_fault(seed, world)
 
 
 def with_one(seed: int) -> Tried | None:
@@ -186,54 +163,20 @@ def _judged(seed: int, world: World, faults: "DrawnFaults", found: Diagnosis) ->
         strict=themselves >= truth,
         outright=themselves >= truth and alike == themselves,
         found=alike >= truth,
-        is_apart=faults.left_by_others >= SIGMAS**2,
-        is_free=faults.stand_beside_all(),
-    )
-
-
-def odd_picture(seed: int) -> Tried:
-    """Diagnose a run of which hardly anything, or something odd, is usable: it must end, and give whole numbers."""
-    rng = np.random.default_rng([seed, 4])
-    world = _world(rng, seed)
-    frames = expose(world, Faults(clipped_share=float(rng.choice([0.0, 0.3]))), rng)
-    pictures, usable, angles_rad = _inputs(world, frames)
-    kept = rng.choice(["one pixel", "nothing", "a line", "at random", "a corner", "even", "dark"])
-    mask = np.zeros_like(usable)
-    if kept == "one pixel":
-        mask[tuple(rng.integers(0, side) for side in mask.shape)] = True
-    elif kept == "a line":
-        mask[int(rng.integers(0, len(mask)))] = True
-    elif kept == "at random":
-        mask = rng.random(mask.shape) < rng.uniform(0.05, 0.95)
-    elif kept == "a corner":
-        mask[: int(rng.integers(1, 40)), : int(rng.integers(1, 40))] = True
-    elif kept in ("even", "dark"):
-        mask[:] = True
-        pictures[:] = 0.0 if kept == "dark" else 77.0
-    order, plan = range(len(pictures)), design(angles_rad)
-    found = diagnose(plan, pictures, usable & mask, angles_rad=angles_rad, times=order, step=1.0)
-    numbers = [number for term in found.terms for number in (term.value, term.std_error) if number is not None]
-    whole = bool(np.all(np.isfinite(numbers))) and all(term.is_testable or term.reason for term in found.terms)
-    return Tried(
-        seed=seed, kind=str(kept), truth=(), named=_named(found), strict=whole, found=whole, reason=found.reason
     )
 
 
 _PARTS: dict[str, Callable[[int], Tried | None]] = {
     "null": without_fault,
-    "flat": flat_without_fault,
     "one": with_one,
     "two": with_two,
     "apart": with_two_apart,
-    "odd": odd_picture,
 }
 _LEAST_SHARE = {
     "null": 1.0 - FALSE_FINDING_RATE,
-    "flat": 1.0 - FALSE_FINDING_RATE,
     "one": _WANTED_FIRST,
     "two": _WANTED_BOTH,
     "apart": _WANTED_BOTH,
-    "odd": 1.0,
 }
 
 
@@ -253,9 +196,6 @@ def _told(part: str, tried: Sequence[Tried]) -> bool:
         f"{part}: {_counted(tried)}; {sum(bool(one.reason) for one in tried)} not testable"
         f"{'' if sound else '   <- NOT AS STATED'}"
     )
-    if part in ("one", "two", "apart"):
-        print(f"    told from every other set of as many: {_counted([one for one in tried if one.is_apart])}")
-        print(f"    every term of the model free:         {_counted([one for one in tried if one.is_free])}")
     for one, is_passed in zip(tried, passed, strict=True):
         if not is_passed:
             print(f"    seed {one.seed} ({one.kind}): {list(one.truth)} -> {list(one.named)}", flush=True)
@@ -303,10 +243,6 @@ class DrawnFaults:
     def left_by_others(self) -> float:
         """The least chi-square that another set of at most as many causes leaves of them."""
         return _Information(self.fit.evidence).left_by_others(self.chosen, self.sizes, self.fit.candidates)
-
-    def stand_beside_all(self) -> bool:
-        """Return whether each stands above ten errors with every parameter of the model free."""
-        return _Information(self.fit.evidence).is_free_of_all(self.chosen, self.sizes)
 
     def are_possible(self) -> bool:
         """Return whether rigs have faults of such sizes."""
@@ -372,11 +308,9 @@ def _sum(evidence: Evidence, chosen: Sequence[int], sizes: Sequence[FloatArray])
 class _Information:
     """The Fisher information of a run about all parameters of single frames and the response.
 
-    It answers three times whether faults can be told apart, in a run of the same scene and at the faults drawn:
+    It answers twice whether faults can be told apart, in a run of the same scene and at the faults drawn:
 
     - of the two alone: fitted together they correlate below 0.9 and each is above ten of its errors;
-    - of every term at once: the same with all throughputs, angles, dark levels, shifts and responses free beside them,
-      whatever all frames have in common being nothing by convention;
     - beside every other explanation: any other set of one or two causes leaves as much of them as ten errors are.
     """
 
@@ -402,19 +336,6 @@ class _Information:
             for others in self._sets(candidates.tolist(), len(chosen))
             if not {family(_which(self._evidence, index)) for index in others} >= truth
         )
-
-    def is_free_of_all(self, chosen: Sequence[int], sizes: Sequence[FloatArray]) -> bool:
-        frames = (self._seen.shape[1] - 2) // len(PER_FRAME)
-        common = np.zeros((self._seen.shape[1], len(PER_FRAME)))
-        for kind in range(len(PER_FRAME)):
-            common[kind * frames : (kind + 1) * frames, kind] = 1.0 / np.sqrt(frames)
-        relative = np.eye(len(common)) - common @ common.T
-        for index, size in zip(chosen, sizes, strict=True):
-            mine = relative @ self._evidence.causes[index].directions @ size
-            free = np.linalg.svd(relative - np.outer(mine, mine) / (mine @ mine))[0][:, : -len(PER_FRAME) - 1]
-            if not _left(self._seen @ mine, self._seen @ free) >= SIGMAS**2:
-                return False
-        return True
 
     def _of(self, index: int) -> FloatArray:
         return np.asarray(self._seen @ self._evidence.causes[index].directions)

@@ -10,6 +10,7 @@ into options. Two kinds of evidence occur:
 
 import os
 import tempfile
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ from scipy.special import bdtr, bdtrc
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Row = TypeVar("Row")
 
 CHANCE = 1e-3
 # Of 100 rows with a mean and a variance each, one is 4 standard errors off in seventy trials by chance.
@@ -63,6 +65,15 @@ def is_high_enough(count: int, n: int, rate: float) -> bool:
 def is_low_enough(count: int, n: int, rate: float) -> bool:
     """Return whether `count` of `n` is explained by a rate of at most `rate`."""
     return count == 0 or bool(bdtrc(count - 1, n, rate) > CHANCE)
+
+
+def by_row(outcomes: Iterable[Mapping[Row, float]]) -> dict[Row, list[float]]:
+    """Return the scores of each row, of the scores that each attempt found."""
+    scores: dict[Row, list[float]] = defaultdict(list)
+    for outcome in outcomes:
+        for row, score in outcome.items():
+            scores[row].append(score)
+    return scores
 
 
 def are_normal(

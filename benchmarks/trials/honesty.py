@@ -1,10 +1,10 @@
 """The demo over many seeds: is each standard error what it says, does each perturbation point where it belongs?"""
 
-from collections import Counter, defaultdict
+from collections import Counter
 from dataclasses import dataclass
 from functools import partial
 
-from benchmarks.trials.harness import are_normal, is_low_enough, over, scratch
+from benchmarks.trials.harness import are_normal, by_row, is_low_enough, over, scratch
 from rigctl.files.choices import PERTURBATIONS
 from rigctl.files.rig_file import load_rig
 from rigctl.rig.roof import perturbed
@@ -56,11 +56,7 @@ def one_seed(seed: int, *, perturbed_seeds: int) -> Outcome:
 def run_honesty(*, seeds: int = 200, perturbed_seeds: int = 100) -> bool:
     """Run the seeds, the first ones with every perturbation too."""
     outcomes = list(over(partial(one_seed, perturbed_seeds=perturbed_seeds), range(1, seeds + 1)))
-    scores = defaultdict(list)
-    for outcome in outcomes:
-        for row, z in outcome.z.items():
-            scores[row].append(z)
-    sound = are_normal(f"undisturbed, {seeds} seeds", scores)
+    sound = are_normal(f"undisturbed, {seeds} seeds", by_row(outcome.z for outcome in outcomes))
     disagree = sum(not outcome.agrees for outcome in outcomes)
     print(f"undisturbed: {disagree} of {seeds} disagree (alpha {ALPHA:g})")
     sound &= is_low_enough(disagree, seeds, ALPHA)

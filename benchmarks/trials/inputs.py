@@ -1,12 +1,11 @@
 """Uncertain inputs over many seeds: is z against both errors standard normal, is an input that is off named first?"""
 
-from collections import defaultdict
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from benchmarks.trials.harness import are_normal, is_high_enough, over, scratch
+from benchmarks.trials.harness import are_normal, by_row, is_high_enough, over, scratch
 from benchmarks.trials.uncertain_panels import STATED, drawn_truth, scene_text, take_run
 from rigctl.comparison.compare import compare_with_scene
 from rigctl.comparison.explain import InputAttribution
@@ -68,11 +67,7 @@ def _is_named(attribution: InputAttribution, name: str | None) -> bool:
 def run_inputs(*, seeds: int = 200, moved_seeds: int = 60) -> bool:
     """Compare runs of drawn truths, then runs in which one input is five standard errors off."""
     outcomes = list(over(one_seed, range(1, seeds + 1)))
-    scores = defaultdict(list)
-    for outcome in outcomes:
-        for row, z in outcome.z.items():
-            scores[row].append(z)
-    sound = are_normal(f"z over both errors, {seeds} seeds", scores)
+    sound = are_normal(f"z over both errors, {seeds} seeds", by_row(outcome.z for outcome in outcomes))
     print(f"disagree: {sum(not outcome.agrees for outcome in outcomes)} of {seeds}")
     for name in STATED:
         moved = list(over(partial(one_seed, moved=name), range(1, moved_seeds + 1)))

@@ -1,6 +1,6 @@
 """Simulated roofs at noon and in the morning: are scores standard normal in each row, are changes of the roof named?"""
 
-from collections import Counter, defaultdict
+from collections import Counter
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -8,7 +8,7 @@ from itertools import product
 from pathlib import Path
 from typing import Literal
 
-from benchmarks.trials.harness import are_normal, over, scratch
+from benchmarks.trials.harness import are_normal, by_row, over, scratch
 from model.surface.materials import MATERIALS, properties
 from rigctl.base.numbers import unix_ns
 from rigctl.comparison.compare import Comparison, compare_with_scene
@@ -178,11 +178,7 @@ def run_roof(*, seeds: int = 40, changed_seeds: int = 4) -> bool:
     sound = True
     for hour in TIMES:
         outcomes = list(over(partial(one_run, hour, perturb=None), range(1, seeds + 1)))
-        scores = defaultdict(list)
-        for outcome in outcomes:
-            for row, z in outcome.z.items():
-                scores[row].append(z)
-        sound &= are_normal(f"roof at {hour}, {seeds} seeds", scores)
+        sound &= are_normal(f"roof at {hour}, {seeds} seeds", by_row(outcome.z for outcome in outcomes))
         print(f"disagree: {sum(outcome.agrees is False for outcome in outcomes)} of {seeds}")
     for what, hour in product(ROOF_CHANGES, TIMES):
         outcomes = list(over(partial(one_run, hour, perturb=what), range(1, changed_seeds + 1)))

@@ -3,14 +3,13 @@
 Regions of even polarization and of texture that is drawn anew with each seed, beside what the light was made of.
 """
 
-from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from benchmarks.trials.harness import are_normal, over
+from benchmarks.trials.harness import are_normal, by_row, over
 from model.processing.reconstruction import design
 from model.processing.samples import repeated
 from rigctl.measure.measure import measure_region, measured_with_ratios
@@ -73,12 +72,10 @@ def _of_axis(angle_rad: float) -> np.ndarray:
 
 def run_rows(*, seeds: int = 200, first_seed: int = 0) -> bool:
     """Measure regions of every kind and compare them with what the light was made of."""
-    of_row = defaultdict(list)
-    for kind in WORLDS:
-        for found in over(partial(scores, kind), range(first_seed, first_seed + seeds), chunk=10):
-            for row, score in found.items():
-                of_row[row].append(score)
-    return are_normal("kind, side of the region, number", of_row, may_be_small=_is_wide_on_purpose)
+    found = [
+        one for kind in WORLDS for one in over(partial(scores, kind), range(first_seed, first_seed + seeds), chunk=10)
+    ]
+    return are_normal("kind, side of the region, number", by_row(found), may_be_small=_is_wide_on_purpose)
 
 
 def _is_wide_on_purpose(row: tuple[object, ...]) -> bool:
