@@ -1,30 +1,10 @@
-"""Two slow ways to the law of a quadratic form, in 32 digits; neither shares a formula with the product's contour."""
+"""A slow way to the law of a quadratic form, in 32 digits; it shares no formula with the product's contour."""
 
 from collections.abc import Sequence
 
 import mpmath as mp
 
 mp.mp.dps = 32
-
-
-def mixture_tail(threshold: float, weights: Sequence[float], offsets: Sequence[float], *, upper: bool) -> mp.mpf:
-    """Ruben's mixture of chi-squares, for positive weights within a factor of about ten and tails above 1e-16.
-
-    H. Ruben, Ann. Math. Stat. 33, 542 (1962), doi:10.1214/aoms/1177704580.
-    """
-    w, b = [mp.mpf(x) for x in weights], [mp.mpf(x) for x in offsets]
-    base = min(w) * mp.mpf("0.95")
-    ratio = [1 - base / x for x in w]
-    share = [mp.exp(-mp.fsum(x * x for x in b) / 2) * mp.fprod(mp.sqrt(base / x) for x in w)]
-    step: list[mp.mpf] = []
-    while 1 - mp.fsum(share) > mp.mpf("1e-30"):
-        k = len(share)
-        step.append(mp.fsum(g**k + k * c * c * g ** (k - 1) * (1 - g) for g, c in zip(ratio, b, strict=True)) / 2)
-        share.append(mp.fsum(step[k - 1 - r] * share[r] for r in range(k)) / k)
-    half = mp.mpf(threshold) / base / 2
-    order = mp.mpf(len(w)) / 2
-    edges = [half, mp.inf] if upper else [0, half]
-    return mp.fsum(s * mp.gammainc(order + k, *edges, regularized=True) for k, s in enumerate(share))
 
 
 def ray_log_tail(

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from model.processing import dolp
 from model.processing.dolp import rice_moments, second_order
@@ -171,26 +169,6 @@ def test_regions_are_computed_together_as_apart():
         np.testing.assert_allclose(together.std[index], apart.std, rtol=1e-14)
         assert together.method[index] == apart.method
     assert together.exists.tolist() == [True, True, True, False]
-
-
-@settings(deadline=None, max_examples=15)
-@given(angle=st.floats(-3.0, 3.0), p=st.floats(0.0, 1.0))
-def test_turning_the_axes_changes_no_moment(angle, p):
-    mean, cov = np.array([1.0, p, 0.0]), covariance((0.08, 0.1, 0.02), r01=0.8, psi_deg=12.0)
-    turn = np.array([[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]])
-    turned = turn @ cov @ turn.T
-    found = dolp.moments(turn @ mean, 0.5 * (turned + turned.T))
-    expected = dolp.moments(mean, cov)
-    np.testing.assert_allclose([found.mean, found.std], [expected.mean, expected.std], rtol=1e-12)
-
-
-@settings(deadline=None, max_examples=15)
-@given(exponent=st.floats(-9.0, 9.0))
-def test_unit_changes_no_moment(exponent):
-    mean, cov = np.array([1.0, 0.1, 0.05]), covariance((0.08, 0.1, 0.02), r01=0.8, psi_deg=12.0)
-    k = 10.0**exponent
-    found, expected = dolp.moments(k * mean, k * k * cov), dolp.moments(mean, cov)
-    np.testing.assert_allclose([found.mean, found.std], [expected.mean, expected.std], rtol=1e-12)
 
 
 def test_covariance_that_is_none_is_refused():
