@@ -7,7 +7,6 @@ from model.effects.names import Effect
 from rigctl.cli import main
 from rigctl.files.scene_file import effect_names, effect_of, load_scene
 from rigctl.prediction.predict import ScenePredictor
-from rigctl.scene.scene import acting_effects, with_choices
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 
 PANELS = EXAMPLES / "scene-panels.toml"
