@@ -42,7 +42,7 @@ def test_each_family_says_what_it_is_and_stays_as_it_was(
     assert bench.machine.true_angle_deg() == before_deg
 
 
-@pytest.mark.parametrize("address", ["ellx", "sim:zaber", "sim:apt"])
+@pytest.mark.parametrize("address", ["ellx", "zaber", "apt"])
 @pytest.mark.parametrize("ask", [ask_elliptec, ask_zaber, ask_apt])
 def test_a_question_of_another_family_moves_nothing(address: str, ask: partial[list[Answer]]) -> None:
     bench = Bench(address)

@@ -172,7 +172,7 @@ def test_a_file_has_its_last_number_while_it_is_fresh(tmp_path: Path) -> None:
 def test_a_command_is_asked_and_ended_at_its_deadline() -> None:
     ask = [sys.executable, "-c", "print('humidity 41.5 %')"]
     assert open_command_monitor({"command": ask, "unit": "%"}).read(20.0) == 41.5
-    with pytest.raises(DeviceTimeoutError, match=r"not done within 0\.1 s"):
+    with pytest.raises(DeviceTimeoutError, match=r"did not end within 0\.1 s"):
         open_command_monitor({"command": ["sleep", "30"], "unit": "%"}).read(0.1)
     with pytest.raises(NotConnectedError, match="ends with 3"):
         open_command_monitor({"command": ["sh", "-c", "exit 3"], "unit": "%"}).read(20.0)
@@ -206,10 +206,10 @@ def test_a_line_over_a_serial_port_is_asked_for_and_read() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"unit": "K"}, "path: must be a text; is missing"),
-        ({"path": "a", "unit": "K", "size": 3}, "size: is not known"),
+        ({"unit": "K"}, "path: must be text; is missing"),
+        ({"path": "a", "unit": "K", "size": 3}, "size: is unknown"),
         ({"path": "a", "unit": "K", "factor": "2"}, "factor: must be a number"),
-        ({"path": "a", "unit": "K", "pattern": "("}, "no regular expression"),
+        ({"path": "a", "unit": "K", "pattern": "("}, "is not a regular expression"),
     ],
 )
 def test_options_that_cannot_be_are_refused(options: dict, words: str) -> None:

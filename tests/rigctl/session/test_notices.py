@@ -112,7 +112,7 @@ def test_a_run_keeps_no_address_of_notices_and_a_resume_finds_it_again(
 
 def test_a_receiver_that_never_answers_delays_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     goes_on, answered = threading.Event(), []
-    monkeypatch.setattr("rigctl.session.notices.send", lambda *_: answered.append(goes_on.wait(60.0)) or ())
+    monkeypatch.setattr("rigctl.session.control.send", lambda *_: answered.append(goes_on.wait(60.0)) or ())
     notifier = Notifier(NotifySection(command=["receiver"], timeout_s=0.1), "run")
     for _ in range(1000):
         notifier.tell("finished", {})
