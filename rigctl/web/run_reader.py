@@ -52,9 +52,9 @@ _REPORT, _COMPARISON, _SUMMARY = "report.html", "comparison.json", "summary.html
 _GOING = ("live", "holding", "waiting", "stale")
 _AT_REST = ("finished", "stopped", "interrupted")
 _ADVICE = {
-    "stale": "a process holds the run and has written nothing since: look at its terminal",
-    "stopped": "stopped: resume with rigctl resume {run}",
-    "interrupted": "interrupted: resume with rigctl resume {run}",
+    "stale": "A process holds the run and has written nothing since: look at its terminal.",
+    "stopped": "Stopped. Continue with rigctl resume {run}",
+    "interrupted": "Interrupted. Continue with rigctl resume {run}",
 }
 # A comparison: time of writing [ns], folder, name of its run, verdict.
 _Comparison = tuple[int, Path, str, str]
@@ -107,7 +107,7 @@ class RunReader:
     def look(self) -> Look:
         """Return the state of the run; files that cannot be read are listed as problems."""
         if not self._path.is_dir():
-            return _NOTHING_KNOWN | {"run": self._path.name, "advice": "there is no such folder yet"}
+            return _NOTHING_KNOWN | {"run": self._path.name, "advice": "There is no such folder yet."}
         problems: list[str] = []
         run = _or_problem(self._run, problems)
         events = _or_problem(lambda: read_events(self._path), problems) or []
@@ -202,7 +202,8 @@ class RunReader:
     def _advice(self, state: str, events: Sequence[RunEvent]) -> str:
         reasons = [str(event.facts.get("reason", "")) for event in events if event.event == "hold"]
         if state == "holding" and reasons:
-            return f"{reasons[-1]}; then continue: rigctl resume {self._path}"
+            words = "Held on request" if reasons[-1] == "requested" else reasons[-1]
+            return f"{words}. Continue with rigctl resume {self._path}"
         return _ADVICE.get(state, "").format(run=self._path)
 
 

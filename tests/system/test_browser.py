@@ -352,7 +352,7 @@ def test_a_session_is_watched_from_begin_to_end_through_all_that_can_happen(
         phone.wait_for_selector("#lost", state="hidden")
         wire.cut()
         phone.wait_for_selector("#lost:not([hidden])")
-        assert "nothing heard since" in phone.inner_text("#lost")
+        assert "Nothing heard since" in phone.inner_text("#lost")
         keep_picture(phone, "cut-phone")
         session.kill()
         session.wait()
@@ -362,7 +362,7 @@ def test_a_session_is_watched_from_begin_to_end_through_all_that_can_happen(
         wire.mend()
         phone.wait_for_selector("#lost", state="hidden")
         seen("interrupted since", "interrupted")
-        assert f"resume with rigctl resume {run}" in phone.inner_text("#advice")
+        assert f"Interrupted. Continue with rigctl resume {run}" in phone.inner_text("#advice")
         frames = int(phone.inner_text("#facts dd").split()[0])
         assert 0 < frames < 33
         ends.enter_context(rigctl("resume", str(run)))
@@ -389,7 +389,7 @@ def test_a_session_is_started_answered_held_resumed_and_stopped(
         press(tab, "#start")
         for wanted in ("Cover the lens", "Point the camera"):
             until(tab, lambda wanted=wanted: tab.inner_text("#advice").startswith(wanted))
-            assert tab.inner_text("#advice").endswith("; then press Continue")
+            assert tab.inner_text("#advice").endswith(". Press Continue.")
             keep_picture(tab, f"asked-{wanted.split()[0].lower()}-{name}")
             press(tab, "#resume")
         state(tab, "live")

@@ -39,7 +39,7 @@ setInterval(() => {
 }, 500);
 function tellLost() {
   if (isOver) return;
-  sayLost(lastHeard ? `nothing heard since ${here(new Date(lastHeard))}; trying again. What is shown is old.` : "no connection; trying again.");
+  sayLost(lastHeard ? `Nothing heard since ${utc(new Date(lastHeard).toISOString())}; trying again. What is shown is old.` : "No connection; trying again.");
 }
 function sayLost(text, isAgain = false) { $("lost").textContent = text; $("lost").classList.toggle("again", isAgain); $("lost").hidden = false; }
 // A server that is back after a restart is asked anew; one with new tokens does not know this page any more.
@@ -122,7 +122,7 @@ function show(state) {
   $("state").textContent = state.state + since; $("state").className = `pill ${state.state}`;
   $("simulated").hidden = !state.is_simulated;
   const canAct = state.right === "act" && state.hands;
-  $("advice").textContent = canAct ? state.advice.replace(/; then continue: .*/, "; then press Continue") : state.advice; $("advice").hidden = !state.advice;
+  $("advice").textContent = canAct ? state.advice.replace(/ Continue with rigctl resume .*/, " Press Continue.") : state.advice; $("advice").hidden = !state.advice;
   facts(state); angles(state.newest); hands(state); curves(state.curves); calibrations(state.calibrations);
   for (const part of [document.querySelector("#maps .maps"), $("dolp-top").parentNode]) part.hidden = !state.maps_of;
   $("maps-of").textContent = state.maps_of ? `of the last cycle: ${state.maps_of}` : "No maps yet: they need a whole cycle.";
@@ -179,6 +179,7 @@ function angles(frames) {
 function hands(state) {
   const going = ["live", "holding", "waiting", "stale"].includes(state.state);
   $("hands").hidden = state.right !== "act" || !state.hands || state.state === "finished";
+  if ($("hands").dataset.state !== state.state) { $("hands").dataset.state = state.state; $("done").textContent = ""; }
   $("hold").disabled = !going || state.state === "holding"; $("stop").disabled = !going;
   $("resume").disabled = !["holding", "stopped", "interrupted"].includes(state.state);
   $("resume").classList.toggle("main", !$("resume").disabled); // the next step
