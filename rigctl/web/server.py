@@ -293,6 +293,7 @@ class BoundedServer(uvicorn.Server):
         super().__init__(config)
         self.tls, self.stay_s, self.head_s, self._most = tls, stay_s, head_s, most
         self.open_ones: set[Connection] = set()
+        self.left = asyncio.Event()
         self._accepting: list[asyncio.Task[None]] = []
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -330,8 +331,10 @@ class BoundedServer(uvicorn.Server):
             left_s = oldest.stays_until_s() - asyncio.get_running_loop().time()
             if left_s <= 0.0:
                 oldest.leave()
-            else:
-                await asyncio.sleep(min(left_s, _LOOK_S))
+                return
+            self.left.clear()
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self.left.wait(), left_s)
 
 
 class Connection(H11Protocol):
@@ -382,8 +385,10 @@ class Connection(H11Protocol):
         super().handle_websocket_upgrade(event)
 
     def on_response_complete(self) -> None:
-        """Start the wait for the next request."""
+        """Start the wait for the next request; of requests that were sent together only the first is answered."""
         self._silent_since_s = self.loop.time()
+        if self.conn.trailing_data[0]:
+            self.transport.close()
         super().on_response_complete()
 
     def stays_until_s(self) -> float:
@@ -399,7 +404,8 @@ class Connection(H11Protocol):
             self.transport.abort()
 
     def _is_answered(self) -> bool:
-        return self.cycle is not None and not self.cycle.response_complete
+        """Return whether a request is complete and its answer is not."""
+        return self.cycle is not None and not (self.cycle.response_complete or self.cycle.more_body)
 
     def _look_after(self) -> None:
         head_s = self._server.head_s
@@ -413,6 +419,7 @@ class Connection(H11Protocol):
         if self._watch is not None:
             self._watch.cancel()
         self._server.open_ones.discard(self)
+        self._server.left.set()
 
 
 def qr_text(text: str) -> str:

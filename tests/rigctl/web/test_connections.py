@@ -89,6 +89,12 @@ def test_a_request_that_does_not_end_in_time_is_closed(place: tuple[str, int]) -
         assert answer(quick).endswith(b"here by http")
 
 
+def test_of_requests_that_are_sent_together_only_the_first_is_answered(place: tuple[str, int]) -> None:
+    with socket.create_connection(place) as greedy:
+        greedy.sendall(ASK * 3)
+        assert answer(greedy).count(b"here") == 1
+
+
 @pytest.fixture
 def certificate(tmp_path: Path) -> tuple[Path, Path]:
     if shutil.which("openssl") is None:
