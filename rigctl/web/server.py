@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
-from typing import Annotated, Literal, ParamSpec, Self, TypeVar, cast
+from typing import Annotated, Any, Literal, ParamSpec, Self, TypeVar, cast
 from urllib.parse import parse_qs, parse_qsl, urlencode, urlsplit
 
 import cv2
@@ -29,6 +29,7 @@ from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.console import warn
@@ -422,6 +423,14 @@ class Connection(H11Protocol):
         self._server.left.set()
 
 
+class _Socket(WebSocketsSansIOProtocol):
+    """A socket that is gone soon after it was closed, even if the other side does not agree."""
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **named)
+        self.close_timeout = STAY_S
+
+
 def qr_text(text: str) -> str:
     """Return a text as a QR code, two rows of it a line: light on dark, as terminals are."""
     try:
@@ -450,6 +459,7 @@ def _config(app: ASGIApp) -> uvicorn.Config:
         log_level="critical",
         access_log=False,
         lifespan="off",
+        ws=_Socket,
         server_header=False,
         timeout_keep_alive=int(HEAD_S),
         timeout_graceful_shutdown=_SHUTDOWN_S,
