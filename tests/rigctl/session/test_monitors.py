@@ -174,7 +174,7 @@ def test_a_command_is_asked_and_ended_at_its_deadline() -> None:
     assert open_command_monitor({"command": ask, "unit": "%"}).read(20.0) == 41.5
     with pytest.raises(DeviceTimeoutError, match=r"did not end within 0\.1 s"):
         open_command_monitor({"command": ["sleep", "30"], "unit": "%"}).read(0.1)
-    with pytest.raises(NotConnectedError, match="ends with 3"):
+    with pytest.raises(NotConnectedError, match="failed with exit code 3"):
         open_command_monitor({"command": ["sh", "-c", "exit 3"], "unit": "%"}).read(20.0)
     with pytest.raises(NotConnectedError, match="cannot be started"):
         open_command_monitor({"command": ["no-such-program"], "unit": "%"}).read(1.0)
