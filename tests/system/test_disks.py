@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.trials.disk_faults import run_disk_cell
 from benchmarks.trials.loop_disk import call, ext4_image, mounted, why_not
+from benchmarks.trials.power_cut import one_cut
 from rigctl.base.durable import PART_SUFFIX
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.check import verify_run
@@ -181,3 +182,12 @@ def test_a_disk_that_freezes_ends_the_session_in_time(tmp_path, before_flush):
     outcome, flushes = run_disk_cell(small_rig(tmp_path, port="sim:ellx?speed=400"), before_flush)
     assert outcome.word == "the disk hangs"
     assert outcome.is_right, (outcome, flushes)
+
+
+def test_no_acknowledged_frame_is_lost_by_a_power_cut():
+    reason = why_not()
+    if reason is not None:
+        pytest.skip(f"{reason}: run it as root where loop devices can be mounted")
+    told, problems = one_cut(0.02, after_frames=3)
+    assert problems == []
+    assert told >= 3

@@ -1,6 +1,9 @@
 """Samples out of bytes, against packers that go by the words of the standards, one bit at a time; planes."""
 
+import os
+import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +21,7 @@ from drivers.cameras.samples import (
     unpack,
 )
 from drivers.errors import LimitError, ProtocolError
+from tests.clients.make_venvs import default_folder, make, python_of
 from tests.drivers.cameras.bit_packers import as_csi_packed, as_gvsp_packed, as_stream_of_bits
 
 BY_NAME = {fmt.name: fmt for fmt in (*GENICAM.values(), *V4L2.values())}
@@ -208,3 +212,28 @@ def test_one_saturated_sample_saturates_its_sum_and_no_other():
 def test_a_sum_of_more_than_sixteen_bits_is_refused():
     with pytest.raises(LimitError, match="18"):
         bit_depth_of("sum", bit_depth=16)
+
+
+VMBPY = "vmbpy==1.2.3"
+WIDTH, HEIGHT = 782, 582
+PLAIN = {10: 0x01100003, 12: 0x01100005}
+CODES = (0x010C0006, 0x010C0047, 0x010A0046)  # Mono12Packed, Mono12p, Mono10p
+
+
+def unpacked_by_vimba(python, data, code):
+    script = Path(__file__).with_name("vimba_unpack.py")
+    arguments = [hex(code), hex(PLAIN[GENICAM[code].bit_depth]), str(WIDTH), str(HEIGHT)]
+    done = subprocess.run([python, script, *arguments], input=data, stdout=subprocess.PIPE, check=True)
+    return np.frombuffer(done.stdout, "<u2")
+
+
+def test_random_bytes_become_the_counts_that_a_makers_converter_finds():
+    # One test for all formats: tests that run at the same time must not both make the environment.
+    if os.environ.get("RIGCTL_CLIENTS") != "1":
+        pytest.skip(f"set RIGCTL_CLIENTS=1, which lets this test install {VMBPY} into an environment of its own")
+    make(VMBPY, default_folder())
+    python = python_of(VMBPY, default_folder())
+    for code in CODES:
+        data = np.random.default_rng(5).bytes(needed_bytes(GENICAM[code], samples=WIDTH * HEIGHT))
+        ours = unpack(data, pixel_format=GENICAM[code], width=WIDTH, height=HEIGHT)
+        np.testing.assert_array_equal(ours.ravel(), unpacked_by_vimba(python, data, code), GENICAM[code].name)

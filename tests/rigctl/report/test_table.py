@@ -2,20 +2,24 @@
 
 import csv
 import io
+import json
 import math
 import re
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from rich.console import Console
 
-from rigctl.report.data_files import csv_rows, finite, json_rows
+from rigctl import cli
+from rigctl.report.data_files import csv_rows, finite, json_rows, told_places
 from rigctl.report.document import Bullets, Paragraph, Picture, Pictures, Report, Section, Terms, Verbatim, Verdict
 from rigctl.report.output import html, report_file
 from rigctl.report.pdf import pdf
 from rigctl.report.table import Column, Shown, Table, text_columns
+from tests.monkey.workspace import make_workspace
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,3 +172,23 @@ def test_raw_json_stands_on_the_page_and_on_no_paper(monkeypatch):
     both, words_alone = (Report(title="A", source="", sections=sections) for sections in ([words, raw], [words]))
     assert pdf(both) == pdf(words_alone)
     assert "Provenance in full" in html(both)
+
+
+def test_absolute_paths_are_relative_to_the_working_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert told_places({"run": f"{tmp_path}/runs/a", "n": 2}, anonymous=False) == {"run": "runs/a", "n": 2}
+
+
+def test_an_anonymous_report_names_no_folder_serial_number_or_site():
+    told = told_places({"path": "/home/ann/a.toml", "camera_serial": "11", "rig": {"site": {"x": 1}}}, anonymous=True)
+    assert told == {"path": "a.toml", "camera_serial": "left out", "rig": {"site": "left out"}}
+
+
+def test_a_comparison_can_be_anonymous(tmp_path, capsys):
+    folder = make_workspace(tmp_path / "ann")
+    words = [str(folder / "run"), "--scene", str(folder / "scene.toml"), "--out", str(tmp_path / "out")]
+    assert cli.main(["compare", *words, "--json", "--anonymous"]) in (0, 5)
+    provenance = json.loads(capsys.readouterr().out)["provenance"]
+    assert str(tmp_path) not in json.dumps(provenance)
+    assert provenance["run"]["path"] == "run"
+    assert str(Path(tmp_path)) not in next((tmp_path / "out").glob("*.html")).read_text()

@@ -1,10 +1,18 @@
+"""Choices of the paper, and a user's, beside ours."""
+
 import csv
 import io
 import json
+import re
+from itertools import combinations
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Annotation
 
+from model.accuracy.chain import evaluate
+from model.accuracy.plan import NUMERICAL_SETTINGS, settings_at
 from model.acquisition import Disturbances, Wanted
 from rigctl import cli
 from rigctl.console import EXIT_USAGE
@@ -13,9 +21,22 @@ from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.prediction.sessions import SceneSessions, TradeoffRequest, acquisition_tradeoff
-from rigctl.report.tradeoff import proposal, reached_table, tradeoff_csv, tradeoff_json, tradeoff_picture, ways_table
+from rigctl.prediction.tradeoff import named_choices, settings_by
+from rigctl.report.drawing import placed_axes
+from rigctl.report.tradeoff import (
+    PointName,
+    name_points,
+    proposal,
+    reached_table,
+    tradeoff_csv,
+    tradeoff_json,
+    tradeoff_picture,
+    ways_table,
+)
 from rigctl.session.forecast import with_cycles_for
-from tests.rigctl.example_files import SMALL_SCENE
+from tests.hard_cases.cases import HARD_CASES
+from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
+from tests.rigctl.scene_texts import written
 
 TARGET = 0.004
 
@@ -169,3 +190,116 @@ def test_options_out_of_range_are_refused(scene_path, capsys, option):
     assert "--" in capsys.readouterr().err
     with pytest.raises(ValueError, match="overhead"):
         acquisition_tradeoff(load_scene(scene_path), None, TradeoffRequest(overhead_s=-1e-3))
+
+
+# Every radiance is given: no sky is solved, and the knobs of the light have no error.
+PANELS = str(EXAMPLES / "scene-panels.toml")
+
+
+def test_curves_choices_and_floor_are_written(tmp_path, capsys):
+    assert cli.main(["tradeoff", PANELS, "--tolerances", "0.01,0.001", "--out", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith(
+        "The inputs have no uncertainty, so every tolerance buys something: --tolerance 0.001 costs"
+    )
+    assert "worth having" in shown
+    assert {"tradeoff.png", "settings.png", "stages.png", "digits.png"} <= {one.name for one in tmp_path.iterdir()}
+    rows = list(csv.DictReader((tmp_path / "tradeoff.csv").read_text().splitlines()))
+    assert [row["setting"] for row in rows if row["knob"] == "whole chain"] == ["tolerance 0.01", "tolerance 0.001"]
+    assert all(float(row["true_error"]) <= 0.001 for row in rows)
+    assert (tmp_path / "tradeoff.png").read_bytes().startswith(b"\x89PNG")
+    assert len(json.loads((tmp_path / "tradeoff.json").read_text())["choices"]) == 2
+
+
+def test_wide_shows_each_setting_and_the_floor(capsys):
+    assert cli.main(["tradeoff", PANELS, "--tolerances", "0.01", "--wide"]) == 0
+    shown = capsys.readouterr().out
+    assert "what --tolerance chooses" in shown
+    assert "stated without uncertainty: no floor" in shown
+
+
+def test_uncertain_inputs_say_which_tolerance_is_worth_having(capsys):
+    assert cli.main(["tradeoff", str(EXAMPLES / "scene-panels-uncertain.toml"), "--tolerances", "0.1,0.001"]) == 0
+    first, _, *rows = capsys.readouterr().out.splitlines()
+    floor = float(re.match(r"A tolerance below (\S+) buys nothing for DoLP", first)[1])
+    (worth,) = [float(row.split()[1]) for row in rows if "worth having" in row]
+    assert worth <= floor
+    assert all(len(row.rstrip()) <= 80 for row in rows if row.startswith("--tolerance"))
+
+
+def test_a_prediction_to_a_tolerance_says_its_error(capsys):
+    assert cli.main(["predict", PANELS, "--tolerance", "0.001", "--json"]) == 0
+    accuracy = json.loads(capsys.readouterr().out)["accuracy"]
+    # Effects that are left out have their share of it.
+    assert 0.0005 <= accuracy["tolerance"] <= 0.001
+    assert all(one["error"] <= 0.001 for one in accuracy["estimated_errors"])
+    assert accuracy["not_promised"] == {}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["tradeoff", "--tolerances", "0.5"], "--tolerances"),
+        (["tradeoff", "--tolerances", "1e-9"], "--tolerances"),
+        (["tradeoff", "--tolerances", "fine"], "--tolerances"),
+        (["tradeoff", "--target-dolp-sigma", "0.002"], "--acquisition"),
+        (["predict", "--tolerance", "0.5"], "--tolerance. Must be <= 0.1"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(arguments, words, capsys):
+    assert cli.main([arguments[0], PANELS, *arguments[1:]]) == 2
+    assert words in capsys.readouterr().err
+
+
+CROWDED = [(0.1, 0.1), (0.1, 0.1), (0.101, 0.1), (0.105, 0.1), (0.09, 0.102)]
+AT_THE_CORNERS = [(0.01, 1e-6), (1.0, 1e-6), (1.0, 1.0), (0.01, 1.0)]
+
+
+@pytest.mark.parametrize("points", [CROWDED, AT_THE_CORNERS], ids=["crowded", "at the corners"])
+def test_no_name_lies_on_another_or_beyond_the_axes(points):
+    figure, (axis,) = placed_axes(1, 1, size=(6.0, 6.0), margins=(0.5, 0.5, 0.5, 0.5))
+    axis.loglog(*zip(*points, (0.01, 1e-6), (1.0, 1.0), strict=True), "o")
+    names = [f"K = {k} midpoint tiles" for k in range(len(points))]
+    name_points(figure, axis, [PointName(text=name, x=x, y=y) for name, (x, y) in zip(names, points, strict=True)])
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    written = [one for one in axis.texts if isinstance(one, Annotation)]
+    assert [one.get_text() for one in written] == names
+    # Without the lines to far points, which a box of the whole annotation would take in.
+    boxes = [one.get_bbox_patch().get_window_extent(canvas.get_renderer()) for one in written]
+    assert not [pair for pair in combinations(boxes, 2) if pair[0].shrunk(0.9, 0.9).overlaps(pair[1].shrunk(0.9, 0.9))]
+    assert all(axis.bbox.x0 <= box.x0 + 4 and box.x1 - 4 <= axis.bbox.x1 for box in boxes)
+    assert all(axis.bbox.y0 <= box.y0 + 4 and box.y1 - 4 <= axis.bbox.y1 for box in boxes)
+
+
+SETTINGS = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 1), 0.01)
+
+
+def test_a_user_states_settings_by_name():
+    found = settings_by("tiles_per_side=3, rule=midpoint,streams=6", SETTINGS)
+    assert (found.tiles_per_side, found.tile_rule, found.solver.nodes) == (3, "midpoint", 6)
+    assert found.wavelengths == SETTINGS.wavelengths
+
+
+@pytest.mark.parametrize("text", ["tiles=3", "tiles_per_side", "tiles_per_side=0", "rule=simpson", "wavelengths=x"])
+def test_what_cannot_be_read_is_refused_with_its_words(text):
+    with pytest.raises(ConfigError, match="--also"):
+        settings_by(text, SETTINGS)
+
+
+def test_draws_and_first_order_stand_beside_the_exact_statistics(tmp_path):
+    # A target hardly told from its background, where the paper's draws and its first order both show.
+    case = next(one for one in HARD_CASES if one.name == "background as the target")
+    scene = ScenePredictor(load_scene(written(tmp_path, case.text)), None).lit_scene()
+    result = evaluate(scene, SETTINGS)
+    truth = result.readings
+    found = {one.name: one for one in named_choices(scene, SETTINGS, truth, ("wavelengths=1",))}
+    assert found["wavelengths=1"].by_user
+    assert found["K = 9 midpoint tiles"].error == 0.0
+    first = found["first-order DoLP"]
+    assert 1e-5 < first.error < 0.1
+    assert first.reading is not None
+    assert first.reading.quantity == "dolp_pixels"
+    # Standard errors of a share of about 0.1 by so many draws; six of them, and the threshold's own.
+    assert found["ROC of 1e6 draws"].error < 10.0 * (0.3 / 1e3)
+    assert found["ROC of 1e3 draws"].error < 10.0 * (0.3 / 31.0)

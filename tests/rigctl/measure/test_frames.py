@@ -1,6 +1,8 @@
-"""Frames divided by flat fields: a sensor with uneven pixels, and dust that sits at another place at each angle."""
+"""Which frame of a run is which angle of which cycle."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,10 +21,69 @@ from rigctl.cli import main
 from rigctl.console import EXIT_DATA
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
-from rigctl.measure.frames import flat_remarks
+from rigctl.measure import measure as measurement
+from rigctl.measure.frames import arrange, flat_remarks
 from rigctl.measure.measure import Measurement, measure
 from rigctl.runs.folder import Run
 from tests.rigctl.made_runs import at, make_run
+
+PICTURE = np.arange(6).reshape(2, 3)
+
+
+def grid_of(folder, *facts):
+    return arrange(make_run(folder / "run", [(one, PICTURE) for one in facts]))
+
+
+@pytest.mark.parametrize(
+    ("asked", "names"),
+    [
+        ([at(a) for a in (0, 90, 45, 135)], ("dn_0", "dn_45", "dn_90", "dn_135")),
+        ([at(a) for a in (0, 60, -60)], ("dn_0", "dn_60", "dn_120")),
+        ([at(a, cycle=0) for a in (0, 60, 120, 180)], ("dn_0", "dn_0_2", "dn_60", "dn_120")),
+    ],
+)
+def test_angles_are_sorted_and_named_by_what_was_asked_for(tmp_path, asked, names):
+    grid = grid_of(tmp_path, *asked)
+    assert grid.channel_names == names
+    assert grid.polarizer_angles_rad == pytest.approx(np.deg2rad([float(name.split("_")[1]) for name in names]))
+
+
+def test_a_readback_on_the_other_side_of_zero_is_averaged_as_an_axis(tmp_path):
+    readbacks = [0.004, 179.998]
+    asked = [
+        at(a, cycle=c, polarizer_angle_deg=readbacks[c] if a == 0 else float(a)) for c in (0, 1) for a in (0, 60, 120)
+    ]
+    assert np.rad2deg(grid_of(tmp_path, *asked).polarizer_angles_rad[0]) == pytest.approx(0.001, abs=1e-9)
+
+
+def test_an_incomplete_cycle_is_left_out_and_said(tmp_path):
+    grid = grid_of(tmp_path, *[at(a, cycle=c) for c in (0, 1) for a in (0, 60, 120)][:-1])
+    assert (grid.cycles, grid.left_out) == (1, ("cycle 1: incomplete, 2 of 3",))
+
+
+def test_without_cycles_the_nth_frame_at_an_angle_is_of_cycle_n(tmp_path):
+    grid = grid_of(tmp_path, *[at(a) for a in (0, 0, 60, 60, 120, 120)])
+    assert [[record.sequence for record in cycle] for cycle in grid.records] == [[0, 2, 4], [1, 3, 5]]
+
+
+def test_exposures_that_differ_make_it_counts_a_second(tmp_path):
+    grid = grid_of(tmp_path, *[at(a, exposure_s=t) for a, t in ((0, 1.0), (60, 2.0), (120, 4.0))])
+    assert grid.unit == "DN/s"
+    assert grid.to_unit == pytest.approx([1.0, 0.5, 0.25])
+
+
+@pytest.mark.parametrize(
+    ("frames", "said"),
+    [
+        ([(at(0), PICTURE), (at(60, polarizer_angle_deg=None), PICTURE)], "angle of 1 frames is not known"),
+        ([(at(0), PICTURE), (at(60), PICTURE), (at(120), PICTURE.T)], "differ in size"),
+        ([({"kind": "dark"}, PICTURE)], "no scene frames"),
+    ],
+)
+def test_frames_that_give_no_grid_are_refused(tmp_path, frames, said):
+    with pytest.raises(DataError, match=said):
+        arrange(make_run(tmp_path / "run", frames))
+
 
 FloatArray = NDArray[np.float64]
 
@@ -224,3 +285,90 @@ def test_the_error_of_a_flat_is_a_pattern_of_each_angle_by_itself() -> None:
     found = as_processed(channels, readout)
     assert found.temporal_var_dn2.tolist() == [1.5, 8.0]
     assert found.fixed_pattern_cov_dn2 == pytest.approx(np.array([[2.0, 1.0], [1.0, 17.0]]), rel=1e-12)
+
+
+SIDE, FRAMES, ANGLES = 320, 200, (0.0, 45.0, 90.0, 135.0)
+_PIXELS = SIDE * SIDE
+# One array of the pixels of all frames, as numbers.
+_ALL_BYTES = 8 * _PIXELS * FRAMES
+
+_TRIAL = """
+import json, sys
+from pathlib import Path
+from calibration.sensor.levels import level_statistics
+from rigctl.calibrations.noise_frames import run_frames
+from rigctl.calibrations.registration import register_run
+from rigctl.files.regions import Region
+from rigctl.measure import measure as measurement
+from rigctl.runs.folder import read_run
+
+run, region = read_run(Path(sys.argv[1])), Region(name="all", rectangle=json.loads(sys.argv[2]))
+measurement.MOST_HELD_BYTES //= 50
+
+def memory(name):
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith(name + ":"))
+
+def grown(work):
+    before = memory("VmRSS")
+    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
+    work()
+    return memory("VmHWM") - before
+
+levels = run_frames(run.path).groups
+print(json.dumps({
+    "noise": grown(lambda: [level_statistics((load() for load in one.loaders), kind=one.kind, exposure_s=one.exposure_s)
+                            for one in levels]),
+    "registration": grown(lambda: register_run(run)),
+    "measure": grown(lambda: measurement.measure(run, regions=[region])),
+}))
+"""
+_WHOLE = {"x": 0, "y": 0, "width": SIDE, "height": SIDE}
+
+
+def large_run(path: Path, *, side: int, frames: int):
+    """Return a run of scene frames, with as many darks and flats among them as half of them."""
+    rng = np.random.default_rng(3)
+    picture = 400 + 200 * (np.add.outer(np.arange(side) // 20, np.arange(side) // 20) % 2)
+    noise = [rng.integers(-20, 21, (side, side)) for _ in range(5)]
+    made = []
+    for k in range(frames // 2):
+        angle = ANGLES[k % 4]
+        light = 1.0 + 0.3 * np.cos(np.radians(2.0 * angle))
+        counts = picture * light + noise[k % 5]
+        made.append((at(angle, exposure_s=0.01, gain_db=0.0), counts))
+    for k in range(frames // 4):
+        made.append(({"kind": "dark", "exposure_s": 0.01, "gain_db": 0.0}, 100 + noise[k % 5]))
+        made.append(({"kind": "flat", "exposure_s": 0.01, "gain_db": 0.0}, 2000 + 5 * noise[k % 5]))
+    return make_run(path, made)
+
+
+def test_memory_does_not_grow_with_the_number_of_frames(tmp_path):
+    run = large_run(tmp_path / "run", side=SIDE, frames=FRAMES)
+    words = [sys.executable, "-c", _TRIAL, str(run.path), json.dumps(_WHOLE)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=Path(__file__).parents[3])
+    assert done.returncode == 0, done.stderr
+    grown = json.loads(done.stdout)
+    # Half of the frames are scene frames: their pixels as numbers are 80 MB, and code took two such arrays.
+    assert grown["measure"] < 0.45 * _ALL_BYTES
+    assert grown["noise"] < 0.25 * _ALL_BYTES
+    assert grown["registration"] < 0.25 * _ALL_BYTES
+
+
+@pytest.mark.parametrize("frames", [8, 24])
+def test_frames_that_are_read_twice_give_the_same_numbers(tmp_path, monkeypatch, frames):
+    run = large_run(tmp_path / "run", side=48, frames=4 * frames)
+    regions = [Region(name="left", rectangle={"x": 2, "y": 2, "width": 20, "height": 30})]
+    regions.append(Region(name="few", rectangle={"x": 30, "y": 2, "width": 3, "height": 3}))
+    held = measure(run, regions=regions)
+    monkeypatch.setattr(measurement, "MOST_HELD_BYTES", 0)
+    streamed = measure(run, regions=regions)
+    assert streamed.unmeasured == held.unmeasured != {}
+    np.testing.assert_array_equal(streamed.channels, held.channels)
+    one, other = streamed.regions["left"], held.regions["left"]
+    for quantity, statistics in other.quantities.items():
+        for statistic, sample in statistics.items():
+            found = one.quantities[quantity][statistic]
+            assert found.value == pytest.approx(sample.value, rel=1e-9, abs=1e-12), (quantity, statistic)
+            assert found.std_error == pytest.approx(sample.std_error, rel=1e-6, abs=1e-12), (quantity, statistic)
+    np.testing.assert_allclose(one.channels_mean.cov, other.channels_mean.cov, rtol=1e-9)
