@@ -96,6 +96,11 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def source_of(path: Path) -> dict[str, Any]:
+    """Return a file that something was made from, as JSON holds it."""
+    return {"path": str(path), "sha256": sha256_of(path)}
+
+
 Result = TypeVar("Result")
 
 STALLED_S = 30.0

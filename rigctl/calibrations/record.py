@@ -79,11 +79,6 @@ def made_for_scene(run: Run) -> MadeFor:
     return made_for(run, [record for record in run.frames if record.kind == "scene"])
 
 
-def source_of(path: Path) -> dict[str, Json]:
-    """Return a file that a calibration was made from, as calibration files hold it."""
-    return {"path": str(path), "sha256": sha256_of(path)}
-
-
 def source_of_run(run: Run) -> dict[str, Json]:
     """Return a run that a calibration was made from: its folder, and the hash of its manifest."""
     return {"path": str(run.path), "sha256": sha256_of(run.path / MANIFEST_FILE)}

@@ -412,6 +412,17 @@ class RigPicks:
         for file in self.damaged:
             note(file.line)
 
+    @property
+    def used(self) -> dict[str, Json]:
+        """Calibrations that are used, by kind: file, sha256, why, age_days; empty where there is no store."""
+        choices = () if self.store is None else self.choices
+        return {one.kind: one.pick.as_json() for one in choices if one.pick is not None}
+
+    def __str__(self) -> str:
+        """Return the files that are used as the end of a sentence."""
+        files = [f"{kind} {file.name}" for kind, file in self.files.items()]
+        return f", with {', '.join(files)}" if files else ""
+
     def as_json(self) -> dict[str, Json]:
         """Return the choices as results hold them; nothing where there is no store."""
         return {} if self.store is None else choices_json(self.choices, self.damaged)

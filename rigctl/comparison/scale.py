@@ -17,9 +17,10 @@ from calibration.radiometric import FreeScale, PanelScale, fit_free_scale, panel
 from model.prediction import RegionPrediction, predict
 from model.processing.agreement import input_jacobian
 from model.sensor import counts_per_radiance
+from rigctl.base.durable import source_of
 from rigctl.base.numbers import percent
 from rigctl.calibrations.radiometric import SCHEMA_VERSION, RadiometricResponse
-from rigctl.calibrations.record import header_of, source_of, source_of_run
+from rigctl.calibrations.record import header_of, source_of_run
 from rigctl.comparison.predict_run import differences, one_exposure_s, run_readout, scene_of_run
 from rigctl.console import Json
 from rigctl.errors import ConfigError, DataError

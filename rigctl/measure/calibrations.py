@@ -25,7 +25,6 @@ from rigctl.calibrations.store import (
     choose,
     read_store,
 )
-from rigctl.console import Json
 from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.measure.frames import (
     FrameGrid,
@@ -87,19 +86,6 @@ def calibrations_of_run(paths: CalibrationPaths, run: Run, kinds: Sequence[Calib
 
 # As many folders above a run are looked into for its rig file.
 _ABOVE = 3
-
-
-def calibrations_json(picked: RigPicks | None) -> dict[str, Json]:
-    """Return the calibrations that were used, by kind: file, sha256, why, age_days; empty where there is no store."""
-    choices = () if picked is None or picked.store is None else picked.choices
-    return {one.kind: one.pick.as_json() for one in choices if one.pick is not None}
-
-
-def named_calibrations(picked: RigPicks | None) -> str:
-    """Return the calibrations that were used as the end of a sentence."""
-    choices = () if picked is None else picked.choices
-    files = [f"{one.kind} {one.pick.file.name}" for one in choices if one.pick is not None]
-    return f", with {', '.join(files)}" if files else ""
 
 
 def picked_for_run(paths: CalibrationPaths, run: Run, kinds: Sequence[CalibrationKind]) -> PickedCalibrations:

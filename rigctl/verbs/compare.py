@@ -147,10 +147,8 @@ class ComparisonResult(Result):
     comparison: "Comparison"  #: all of it: rows, checks, measurement, predictions, what it was made from
 
     def __repr__(self) -> str:
-        from rigctl.measure.calibrations import named_calibrations
-
-        found, named = self.comparison, named_calibrations(self.comparison.run.calibrations.picked)
-        return f"<comparison of {found.measurement.run.path}: {_short(found)}{named}>"
+        found = self.comparison
+        return f"<comparison of {found.measurement.run.path}: {_short(found)}{found.run.calibrations.picked}>"
 
     @property
     def agrees(self) -> bool | None:
@@ -165,9 +163,7 @@ class ComparisonResult(Result):
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
-        from rigctl.measure.calibrations import calibrations_json
-
-        return calibrations_json(self.comparison.run.calibrations.picked)
+        return self.comparison.run.calibrations.picked.used
 
     @property
     def exit_code(self) -> int:
@@ -407,7 +403,7 @@ def _outlined(
 def _used_files(
     run: Path, scene: ScenePath | None, regions: RegionsPath | None, measured: "MeasuredRun"
 ) -> "dict[str, dict[str, Json]]":
-    from rigctl.calibrations.record import source_of
+    from rigctl.base.durable import source_of
     from rigctl.runs.folder import MANIFEST_FILE
 
     named = {str(kind): path for kind, path in measured.calibrations.picked.paths.files.items()}
@@ -419,7 +415,7 @@ def _series(
     runs: Sequence[Path], scene: ScenePath | None, regions: RegionsPath | None, options: CompareOptions
 ) -> "ComparedSeries":
     """Compare many runs of one rig with one scene; the chance of a false disagreement is that over all runs."""
-    from rigctl.calibrations.record import source_of
+    from rigctl.base.durable import source_of
     from rigctl.comparison.series import ComparedSeries, drifts_of, require_one_instrument, trends_over_runs
     from rigctl.runs.check import used_run
 

@@ -235,16 +235,12 @@ class Prediction(Result):
     snr: SnrKind = "exact"  #: DoLP SNR that tables show
 
     def __repr__(self) -> str:
-        from rigctl.measure.calibrations import named_calibrations
-
-        return f"<prediction of {', '.join(self.predictions)}{named_calibrations(self.picked)}>"
+        return f"<prediction of {', '.join(self.predictions)}{self.picked}>"
 
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
-        from rigctl.measure.calibrations import calibrations_json
-
-        return calibrations_json(self.picked)
+        return self.picked.used
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -398,18 +394,14 @@ class SweepResult(Result):
     snr: SnrKind = field(default="exact")
 
     def __repr__(self) -> str:
-        from rigctl.measure.calibrations import named_calibrations
-
         values = self.found.values
         span = f"{len(values)} values from {values[0]:g} to {values[-1]:g}"
-        return f"<sweep of {self.found.key}, {span}{named_calibrations(self.picked)}>"
+        return f"<sweep of {self.found.key}, {span}{self.picked}>"
 
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
-        from rigctl.measure.calibrations import calibrations_json
-
-        return calibrations_json(self.picked)
+        return self.picked.used
 
     @property
     def notes(self) -> tuple[str, ...]:

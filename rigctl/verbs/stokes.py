@@ -121,18 +121,14 @@ class StokesResult(Result):
         return self.run.calibrations.picked
 
     def __repr__(self) -> str:
-        from rigctl.measure.calibrations import named_calibrations
-
         grid = self.measurement.grid
         pixels = f"{grid.height} x {grid.width} pixels [{grid.unit}]"
-        return f"<Stokes parameters of {self.measurement.run.path}: {pixels}{named_calibrations(self.picked)}>"
+        return f"<Stokes parameters of {self.measurement.run.path}: {pixels}{self.picked}>"
 
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
-        from rigctl.measure.calibrations import calibrations_json
-
-        return calibrations_json(self.picked)
+        return self.picked.used
 
     @property
     def calibration_files(self) -> dict[str, Path]:
