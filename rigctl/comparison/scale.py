@@ -9,6 +9,7 @@ the quantum efficiency, with the transmittance at 1, and its errors go together 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,6 @@ from rigctl.base.numbers import percent
 from rigctl.calibrations.radiometric import SCHEMA_VERSION, RadiometricResponse
 from rigctl.calibrations.record import header_of, source_of_run
 from rigctl.comparison.predict_run import differences, one_exposure_s, run_readout, scene_of_run
-from rigctl.console import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ScaleKind
 from rigctl.measure.measure import MeasuredRegion, Measurement
@@ -189,29 +189,19 @@ def _by_run(inputs: Inputs, measurement: Measurement, predicted: Predicted) -> t
 _MOST_SATURATED = 1e-3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PanelResponse:
-    """The counts that a radiance makes, by a panel."""
+def panel_response(
+    measurement: Measurement,
+    scene: Scene,
+    *,
+    panel: str,
+    files: Mapping[str, Path] | None = None,
+    valid_days: float | None = None,
+) -> dict[str, Any]:
+    """Return the counts that a radiance makes, by a panel of known reflectance, as radiometric.json holds them.
 
-    panel: str  #: Its region.
-    exposure_s: float  #: Of each frame [s].
-    f_number: float  #: As the scene file has it.
-    channel_names: tuple[str, ...]  #: Of the N polarizer angles.
-    polarizer_angles_rad: FloatArray  #: Those [rad].
-    #: Counts per unit of unpolarized radiance as the scene file's sensor has it [DN per W m-2 sr-1].
-    modelled_dn_per_radiance: float
-    scale: PanelScale  #: Measured over that, by channel and for all.
-    radiance: float  #: S0 of the panel at the aperture as it was predicted, and its standard error [W m-2 sr-1].
-    radiance_error: float
-    #: Uncertain input to the share of the variance of the common scale that comes from it alone; "measurement" is one
-    #: of them. Where inputs are correlated they do not add up to 1.
-    shares: dict[str, float]
-    pixels: int  #: Of the panel.
-    remarks: tuple[str, ...]  #: What was assumed, overruled or found on the way.
-
-
-def panel_response(measurement: Measurement, scene: Scene, *, panel: str) -> PanelResponse:
-    """Return the counts that a radiance makes, by a panel of known reflectance."""
+    `files` are what else it was made from, such as {"scene": path}. The shares of the variance are those of each
+    uncertain input alone; where inputs are correlated they do not add up to 1.
+    """
     alone = _alone(scene, panel)
     used = scene_of_run(alone, measurement.run, measurement.grid.frames)
     measured = _unsaturated(measurement, panel)
@@ -227,25 +217,45 @@ def panel_response(measurement: Measurement, scene: Scene, *, panel: str) -> Pan
     cov = jacobian @ inputs.cov @ jacobian.T
     predicted_dn = np.array(channels)
     scale = panel_scale(measured.channels_mean.mean, measured.channels_mean.cov, predicted_dn, cov[:-1, :-1])
-    return PanelResponse(
-        panel=panel,
-        exposure_s=exposure_s,
-        f_number=inputs.scene.sensor.f_number.value,
-        channel_names=measurement.grid.channel_names,
-        polarizer_angles_rad=measurement.grid.polarizer_angles_rad,
-        modelled_dn_per_radiance=modelled_response(inputs.scene, exposure_s=exposure_s),
-        scale=scale,
-        radiance=float(radiance),
-        radiance_error=float(np.sqrt(cov[-1, -1])),
-        shares=_shares(scale, predicted_dn, inputs, jacobian[:-1]),
-        pixels=measured.pixels,
-        remarks=(
+    run, grid = measurement.run, measurement.grid
+    source = {"run": source_of_run(run)} | {what: source_of(path) for what, path in (files or {}).items()}
+    header = header_of(
+        "radiometric", SCHEMA_VERSION, source=source, run=run, records=grid.frames, valid_days=valid_days
+    )
+    unit = modelled_response(inputs.scene, exposure_s=exposure_s)
+
+    def response(ratio: float, error: float, frames: int) -> dict[str, float]:
+        return {"value": float(ratio * unit), "std_error": float(error * unit), "n": frames}
+
+    of_channels = zip(grid.channel_names, grid.polarizer_angles_rad, scale.channel, scale.channel_error, strict=True)
+    return header | {
+        "panel": {
+            "name": panel,
+            "pixels": measured.pixels,
+            "radiance_w_per_m2_sr": {"value": float(radiance), "std_error": float(np.sqrt(cov[-1, -1]))},
+        },
+        "exposure_s": exposure_s,
+        "f_number": inputs.scene.sensor.f_number.value,
+        "response": "counts of a pixel and frame per W m-2 sr-1 of unpolarized light in band, dark level off",
+        "response_dn_per_radiance": response(scale.common, scale.common_error, grid.cycles * grid.angles),
+        "channels": [
+            {
+                "name": name,
+                "polarizer_angle_deg": float(np.degrees(angle)) % 180.0,
+                "response_dn_per_radiance": response(ratio, error, grid.cycles),
+            }
+            for name, angle, ratio, error in of_channels
+        ],
+        "channels_agree": scale.channels_agree,
+        "over_scene_file": {"value": scale.common, "std_error": scale.common_error},
+        "variance_shares": _shares(scale, predicted_dn, inputs, jacobian[:-1]),
+        "remarks": (
             *assumed_materials(alone.regions),
             *differences(alone, used),
             *light.remarks(inputs.scene),
             *_of_channels(scale),
         ),
-    )
+    }
 
 
 def _alone(scene: Scene, panel: str) -> Scene:
@@ -268,50 +278,6 @@ def _unsaturated(measurement: Measurement, panel: str) -> MeasuredRegion:
             f"{_MOST_SATURATED:.1%}): what is left is not its mean; expose shorter, or draw the region within the panel"
         )
     return region
-
-
-def radiometric_content(
-    found: PanelResponse, measurement: Measurement, *, files: Mapping[str, Path], valid_days: float | None = None
-) -> dict[str, Json]:
-    """Return the content of radiometric.json; files are what else it was made from, such as {"scene": path}."""
-    run, records = measurement.run, [record for cycle in measurement.grid.records for record in cycle]
-    source = {"run": source_of_run(run)} | {what: source_of(path) for what, path in files.items()}
-    header = header_of("radiometric", SCHEMA_VERSION, source=source, run=run, records=records, valid_days=valid_days)
-    scale, unit, cycles = found.scale, found.modelled_dn_per_radiance, measurement.grid.cycles
-
-    def response(ratio: float, error: float, frames: int) -> dict[str, Json]:
-        return {"value": ratio * unit, "std_error": error * unit, "n": frames}
-
-    channels: list[Json] = [
-        {
-            "name": name,
-            "polarizer_angle_deg": float(np.degrees(angle)) % 180.0,
-            "response_dn_per_radiance": response(ratio, error, cycles),
-        }
-        for name, angle, ratio, error in zip(
-            found.channel_names,
-            found.polarizer_angles_rad.tolist(),
-            scale.channel.tolist(),
-            scale.channel_error.tolist(),
-            strict=True,
-        )
-    ]
-    return header | {
-        "panel": {
-            "name": found.panel,
-            "pixels": found.pixels,
-            "radiance_w_per_m2_sr": {"value": found.radiance, "std_error": found.radiance_error},
-        },
-        "exposure_s": found.exposure_s,
-        "f_number": found.f_number,
-        "response": "counts of a pixel and frame per W m-2 sr-1 of unpolarized light in band, dark level off",
-        "response_dn_per_radiance": response(scale.common, scale.common_error, cycles * measurement.grid.angles),
-        "channels": channels,
-        "channels_agree": scale.channels_agree,
-        "over_scene_file": {"value": scale.common, "std_error": scale.common_error},
-        "variance_shares": found.shares,
-        "remarks": found.remarks,
-    }
 
 
 def _prediction(measurement: Measurement, scene: Scene, light: SceneLight) -> FloatArray:

@@ -4,7 +4,6 @@ Each verb reads frames, calls `calibration` for the numbers, and writes one file
 `calibrate pointing` have modules of their own.
 """
 
-import math
 import re
 import time
 from collections.abc import Iterable, Sequence
@@ -43,7 +42,6 @@ if TYPE_CHECKING:
     from rigctl.calibrations.noise_calibration import FrameCalibration
     from rigctl.calibrations.noise_frames import FrameSet
     from rigctl.calibrations.registration import AngleShift, RunRegistration
-    from rigctl.comparison.scale import PanelResponse
 
 _BOARD = re.compile(r"(\d{1,3})x(\d{1,3})")
 _LEAST_CORNERS = 3
@@ -559,7 +557,7 @@ def radiometric(
     """
     from rigctl.calibrations.noise import NoiseParameters
     from rigctl.calibrations.record import write_content
-    from rigctl.comparison.scale import panel_response, radiometric_content
+    from rigctl.comparison.scale import panel_response
     from rigctl.files.rig_file import unset_polarizer
     from rigctl.measure.measure import measure
     from rigctl.runs.check import used_run
@@ -570,42 +568,38 @@ def radiometric(
     calibrated, doubts = (None, ()) if noise is None else NoiseParameters.read_fitting(Path(noise), record)
     regions = [region for region in content.regions if region.name == panel]
     measurement = measure(record, regions=list(regions), noise=calibrated)
-    found = panel_response(measurement, scene_of_file(content, calibrated), panel=panel)
     files = {"scene": scene, "noise": noise}
     named = {what: Path(path) for what, path in files.items() if isinstance(path, str | Path)}
-    file = radiometric_content(found, measurement, files=named, valid_days=valid_days)
+    used = scene_of_file(content, calibrated)
+    file = panel_response(measurement, used, panel=panel, files=named, valid_days=valid_days)
     if out is not None:
         write_content(Path(out), file)
     for doubt in (*unset_polarizer(record.path, placeholder=record.session.polarizer.placeholder), *doubts):
         warn(doubt)
-    for remark in found.remarks:
+    for remark in file["remarks"]:
         note(remark)
-    return RadiometricResult(found=found, file=file)
+    return RadiometricResult(file=file)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RadiometricResult(Result):
     """Counts per unit of radiance, by a panel of known reflectance."""
 
-    found: "PanelResponse"
-    file: dict[str, Json]
+    file: dict[str, Any]
 
     def content(self) -> Iterable[Part]:
         """Return the response of each angle, its ratio to that of the scene file, and the causes of its error."""
         from rigctl.report.table import Table, text_columns
 
-        scale, unit = self.found.scale, self.found.modelled_dn_per_radiance
-        angles = [f"{math.degrees(angle) % 180.0:.2f}" for angle in self.found.polarizer_angles_rad.tolist()]
-        numbers = zip(
-            (*angles, "all"),
-            (*scale.channel.tolist(), scale.common),
-            (*scale.channel_error.tolist(), scale.common_error),
-            strict=True,
+        found, scale = self.file, self.file["over_scene_file"]
+        numbers = [(f"{one['polarizer_angle_deg']:.2f}", one["response_dn_per_radiance"]) for one in found["channels"]]
+        rows = tuple(
+            (name, f"{one['value']:.5g}", f"{one['std_error']:.2g}")
+            for name, one in (*numbers, ("all", found["response_dn_per_radiance"]))
         )
-        rows = tuple((name, f"{ratio * unit:.5g}", f"{error * unit:.2g}") for name, ratio, error in numbers)
         yield Table(columns=text_columns("angle [deg]", "DN per W m-2 sr-1", "std error", left=()), rows=rows)
-        yield f"{scale.common:.4g} +- {scale.common_error:.2g} times what the scene file says of the sensor"
-        shares = [(name, part) for name, part in self.found.shares.items() if part >= _LEAST_SHARE]
+        yield f"{scale['value']:.4g} +- {scale['std_error']:.2g} times what the scene file says of the sensor"
+        shares = [(name, part) for name, part in found["variance_shares"].items() if part >= _LEAST_SHARE]
         if shares:
             yield "variance: " + ", ".join(f"{part:.0%} {name}" for name, part in shares[:_MOST_CAUSES])
 

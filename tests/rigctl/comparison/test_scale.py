@@ -16,7 +16,7 @@ from rigctl.calibrations.radiometric import RadiometricResponse
 from rigctl.cli import main
 from rigctl.comparison.compare import Comparison, compare_with_scene
 from rigctl.comparison.rows import Row
-from rigctl.comparison.scale import PanelResponse, panel_response, radiometric_content, with_panel_scale
+from rigctl.comparison.scale import panel_response, with_panel_scale
 from rigctl.console import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ScaleKind
@@ -42,8 +42,7 @@ def scene(folder: Path, **options: Any) -> SceneFile:
 def calibrated(folder: Path, told: SceneFile, *, exposure_s: float = 6e-5) -> RadiometricResponse:
     run = panel_run(folder / "panel-run", seed=9, efficiency=TRUE, exposure_s=exposure_s / 4.0)
     measurement = measure(run, regions=list(told.regions))
-    found = panel_response(measurement, scene_of_file(told), panel="white")
-    content = radiometric_content(found, measurement, files={})
+    content = panel_response(measurement, scene_of_file(told), panel="white")
     return TypeAdapter(RadiometricResponse).validate_python(content)
 
 
@@ -212,7 +211,7 @@ def test_predict_takes_the_panels_scale(tmp_path: Path) -> None:
     assert any("Scale of the counts: 1.1" in remark for remark in scaled.remarks)
 
 
-def response(folder: Path, *, panel: str = "white", seed: int = 1, told: float = 1.0, **run: Any) -> PanelResponse:
+def response(folder: Path, *, panel: str = "white", seed: int = 1, told: float = 1.0, **run: Any) -> dict[str, Any]:
     scene = load_scene(
         written(folder, scene_text(error={panel: 0.02}, told={panel: told}, gain_dn_per_e="{value=0.24, std=0.1}"))
     )
@@ -226,8 +225,8 @@ def test_the_response_is_found_with_its_error(tmp_path: Path) -> None:
     for seed in range(30):
         told = 1.0 + 0.02 * draws.standard_normal()
         found = response(tmp_path, seed=seed, told=told, efficiency=0.5)
-        value = found.scale.common * found.modelled_dn_per_radiance
-        scores.append((value / response_dn(0.5) - 1.0) / (found.scale.common_error / found.scale.common))
+        value, error = (found["response_dn_per_radiance"][name] for name in ("value", "std_error"))
+        scores.append((value / response_dn(0.5) - 1.0) / (error / value))
     # Standard normal, 30 of them: 4 sigma of mean and variance.
     assert abs(np.mean(scores)) < 4.0 / np.sqrt(30)
     assert abs(np.var(scores) - 1.0) < 4.0 * np.sqrt(2.0 / 30)
@@ -235,19 +234,21 @@ def test_the_response_is_found_with_its_error(tmp_path: Path) -> None:
 
 def test_the_panel_makes_the_error_and_the_gain_none(tmp_path: Path) -> None:
     found = response(tmp_path)
-    assert set(found.shares) == {"regions.white.stokes_radiance.0", "measurement"}
-    assert found.shares["regions.white.stokes_radiance.0"] > 0.99
-    assert found.scale.common_error == pytest.approx(0.02, rel=0.02)
-    assert found.radiance_error == pytest.approx(0.02 * found.radiance, rel=1e-6)
+    assert set(found["variance_shares"]) == {"regions.white.stokes_radiance.0", "measurement"}
+    assert found["variance_shares"]["regions.white.stokes_radiance.0"] > 0.99
+    assert found["over_scene_file"]["std_error"] == pytest.approx(0.02, rel=0.02)
+    radiance = found["panel"]["radiance_w_per_m2_sr"]
+    assert radiance["std_error"] == pytest.approx(0.02 * radiance["value"], rel=1e-6)
 
 
 def test_an_angle_that_passes_less_is_noticed(tmp_path: Path) -> None:
-    assert response(tmp_path).remarks == ()
+    assert response(tmp_path)["remarks"] == ()
     found = response(tmp_path, seed=2, throughput=(1.0, 0.97, 1.0, 1.0))
-    assert not found.scale.channels_agree
-    assert "throughput depends on the angle" in found.remarks[-1]
+    assert not found["channels_agree"]
+    assert "throughput depends on the angle" in found["remarks"][-1]
     # 1600 pixels, two cycles, 2 % common: 0.97 stands out by 3 % of the others' mean.
-    assert found.scale.channel[1] / np.delete(found.scale.channel, 1).mean() == pytest.approx(0.97, abs=0.002)
+    channels = np.array([one["response_dn_per_radiance"]["value"] for one in found["channels"]])
+    assert channels[1] / np.delete(channels, 1).mean() == pytest.approx(0.97, abs=0.002)
 
 
 def test_a_saturated_panel_is_refused(tmp_path: Path) -> None:
@@ -312,8 +313,8 @@ def test_a_panel_of_a_material_takes_the_sun_of_the_run(tmp_path: Path, monkeypa
         run = panel_run(tmp_path / f"run{elevation}", sun_azimuth_deg=180.0, sun_elevation_deg=elevation)
         measurement = measure(run, regions=list(scene.regions))
         found = panel_response(measurement, scene_of_file(scene), panel="road")
-        radiance[elevation] = found.radiance
+        radiance[elevation] = found["panel"]["radiance_w_per_m2_sr"]["value"]
     # A lower sun is weaker; forward scatter makes up for part of it.
     assert radiance[25.0] < 0.95 * radiance[40.0]
-    assert found.shares["regions.road.dhr"] > 0.1
-    assert any("65.00 of the run" in remark for remark in found.remarks)
+    assert found["variance_shares"]["regions.road.dhr"] > 0.1
+    assert any("65.00 of the run" in remark for remark in found["remarks"])
