@@ -321,10 +321,11 @@ class ImageFile:
 
 @dataclass(frozen=True, kw_only=True)
 class ImageReading:
-    """How files of images are read: which colour of RAW files, and how many bytes of samples one may have."""
+    """How files of images are read."""
 
-    plane: Plane | None = None
-    most_bytes: int = MOST_FRAME_BYTES
+    plane: Plane | None = None  #: of colour images and RAW files
+    most_bytes: int = MOST_FRAME_BYTES  #: of the samples of a file
+    is_cut: bool = True  #: to TRIMSEC or DATASEC of the header
 
 
 def read_image(path: Path, *, plane: Plane | None = None, most_bytes: int = MOST_FRAME_BYTES) -> ImageFile:

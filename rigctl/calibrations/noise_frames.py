@@ -92,6 +92,7 @@ class ListedImage:
     photons: float | None = None  #: mean photons a pixel, where they were measured
     level: str = ""  #: frames of one kind and exposure with another level are of another light
     temperature_c: float | None = None  #: of the sensor, by the header
+    overscan_dn: float | None = None  #: mean of the overscan, by the header
 
 
 # Runs
@@ -408,7 +409,7 @@ def _lies_within(file: Path, folder: Path) -> bool:
 # Folders of images
 
 
-_FITS_SUFFIXES = frozenset({".fits", ".fit", ".fts", ".gz"})
+_FITS_SUFFIXES = frozenset({".fits", ".fit", ".fts", ".fz", ".gz"})
 _PLAIN_SUFFIXES = frozenset({".png", ".tif", ".tiff"})
 _LOSSY_SUFFIXES = frozenset({".jpg", ".jpeg", ".webp"})
 _KIND_WORDS: dict[LevelKind, frozenset[str]] = {
@@ -431,8 +432,6 @@ _EXPOSURE = re.compile(
 )
 _BARE_EXPOSURE = re.compile(rf"{_BEFORE}\s?{_NUMBER}(?![A-Za-z0-9])", re.IGNORECASE)
 _LISTED_PROBLEMS = 5
-_EXPOSURE_KEYS = ("EXPTIME", "EXPOSURE", "XPOSURE")
-_KIND_KEYS = ("IMAGETYP", "FRAME", "OBSTYPE")
 
 
 def folder_frames(
@@ -486,25 +485,37 @@ def _shortened(problems: Sequence[str]) -> list[str]:
 def _listed(path: Path, inside: Path, reading: ImageReading, unit: ExposureUnit | None) -> ListedImage:
     name = inside.as_posix()
     kind, exposure_s = _kind_of_name(name), _exposure_of_name(name, unit)
-    header = _header(path, reading, is_wanted=kind is None or exposure_s is None)
-    begins = headers.kind_of({}, path.name)
-    kind = kind or _kind_of_header(header) or (None if begins == "scene" else begins)
+    header, overscan_dn = _header(path, reading, is_wanted=kind is None or exposure_s is None)
+    told = headers.kind_of(header, path.name)
+    kind = kind or (None if told == "scene" else told)
     exposure_s = exposure_s or _exposure_of_header(header, unit)
     if kind is None:
         words = ", ".join(sorted(word for words in _KIND_WORDS.values() for word in words))
         raise ConfigError(f"{name}: is it dark or flat? One word of its path has to say so: {words}; or give --table")
     level = "" if kind == "dark" else inside.parent.as_posix()
     return ListedImage(
-        path=path, kind=kind, exposure_s=exposure_s, level=level, temperature_c=headers.temperature_c(header)
+        path=path,
+        kind=kind,
+        exposure_s=exposure_s,
+        level=level,
+        temperature_c=headers.temperature_c(header),
+        overscan_dn=overscan_dn,
     )
 
 
-def _header(path: Path, reading: ImageReading, *, is_wanted: bool = False) -> Mapping[str, HeaderValue]:
-    """Return the header of a FITS file; of a RAW file, which has no temperature and takes long to read, if wanted."""
+def _header(
+    path: Path, reading: ImageReading, *, is_wanted: bool = False
+) -> tuple[Mapping[str, HeaderValue], float | None]:
+    """Return the header of a FITS file, and the mean of the overscan where it has one.
+
+    RAW files have no temperature and take long to read: theirs is read if it is wanted.
+    """
     suffix = path.suffix.lower()
     if suffix not in _FITS_SUFFIXES and not (is_wanted and suffix in RAW_SUFFIXES):
-        return {}
-    return read_image(path, plane=reading.plane, most_bytes=reading.most_bytes).header
+        return {}, None
+    image = read_image(path, plane=reading.plane, most_bytes=reading.most_bytes)
+    _, overscan, _ = headers.sections_of(image.header, image.counts.shape)
+    return image.header, None if overscan is None else float(image.counts[overscan].mean())
 
 
 def _kind_of_name(name: str) -> LevelKind | None:
@@ -525,12 +536,8 @@ def _exposure_of_name(name: str, bare_unit: ExposureUnit | None = None) -> float
     return float(f"{float(number.lower().replace('p', '.')) * _SECONDS[unit.lower()]:.9g}")
 
 
-def _kind_of_header(header: Mapping[str, HeaderValue]) -> LevelKind | None:
-    return _kind_of_name(" ".join(str(header.get(key, "")) for key in _KIND_KEYS))
-
-
 def _exposure_of_header(header: Mapping[str, HeaderValue], unit: ExposureUnit | None) -> float | None:
-    for key in _EXPOSURE_KEYS:
+    for key in headers.EXPOSURE_KEYS:
         if isinstance(header.get(key), int | float):
             return float(header[key]) * SECONDS_PER_UNIT[unit or "s"]
     return None
@@ -579,13 +586,15 @@ def _image(folder: Path, row: dict[str, str | None], reading: ImageReading, unit
     if not file.is_file():
         raise ConfigError(f"there is no file {file}")
     exposure = _number(row, "exposure_ms")
+    header, overscan_dn = _header(file, reading)
     return ListedImage(
         path=file,
         kind=kind,
         exposure_s=None if exposure is None else exposure * unit_s,
         photons=_number(row, "photons") if kind == "flat" else None,
         level=(row.get("level") or "").strip(),
-        temperature_c=headers.temperature_c(_header(file, reading)),
+        temperature_c=headers.temperature_c(header),
+        overscan_dn=overscan_dn,
     )
 
 
@@ -620,6 +629,8 @@ def _frame_set(
     for image in used:
         groups[image.kind, image.exposure_s, image.level].append(image)
     temperatures = [image.temperature_c for image in used if image.temperature_c is not None]
+    strips = [image.overscan_dn for image in used if image.overscan_dn is not None]
+    is_by_strips = len(strips) == len(used) > 1 and all(image.kind == "flat" for image in used)
     return FrameSet(
         groups=tuple(
             FrameGroup(
@@ -635,12 +646,15 @@ def _frame_set(
         source=source(frames_sha256=_files_digest([image.path for group in groups.values() for image in group])),
         flags=flags,
         stated=stated,
+        black_level_dn=_overscan_level(strips) if is_by_strips else None,
     )
 
 
 def _counts(path: Path, reading: ImageReading, shape: tuple[int, int] | None) -> NDArray[np.uint16]:
     try:
-        counts = read_image(path, plane=reading.plane, most_bytes=reading.most_bytes).raw_counts
+        image = read_image(path, plane=reading.plane, most_bytes=reading.most_bytes)
+        lit, _, _ = headers.sections_of(image.header, image.counts.shape) if reading.is_cut else (None, None, "")
+        counts = np.ascontiguousarray(image.raw_counts[lit or np.s_[:, :]])
     except DataError as error:
         raise DataError(f"{path}: {error}") from error
     if shape is not None and counts.shape != shape:
@@ -651,8 +665,7 @@ def _counts(path: Path, reading: ImageReading, shape: tuple[int, int] | None) ->
 def with_overscan(frames: FrameSet, box: tuple[int, int, int, int]) -> FrameSet:
     """Return flats without the strip of pixels that get no light, and its mean as their black level.
 
-    The strip is x, y, width and height, and reaches along a whole side of the picture. Its error is the scatter of the
-    frames: the black level of some cameras moves with the light.
+    The strip is x, y, width and height, and reaches along a whole side of the picture.
     """
     loaders = [load for group in frames.groups for load in group.loaders]
     x, y, width, height = box
@@ -668,12 +681,17 @@ def with_overscan(frames: FrameSet, box: tuple[int, int, int, int]) -> FrameSet:
             f"--overscan {x},{y},{width},{height}: has to be x,y,width,height of a strip along a whole side of the "
             f"picture of {columns} x {rows} pixels, such as {columns - 16},0,16,{rows}"
         )
-    means = np.array([load()[strip].mean() for load in loaders])
-    level = Estimate(value=float(means.mean()), std_error=max(float(means.std(ddof=1)), 1e-3), n=len(means))
+    level = _overscan_level([float(load()[strip].mean()) for load in loaders])
     groups = tuple(
         replace(group, loaders=tuple(partial(_part, load, rest) for load in group.loaders)) for group in frames.groups
     )
     return replace(frames, groups=groups, black_level_dn=level)
+
+
+def _overscan_level(means: Sequence[float]) -> Estimate:
+    """Return the black level by the overscan of each frame; with their scatter, as it may move with the light."""
+    error = float(np.std(means, ddof=1))
+    return Estimate(value=fmean(means), std_error=max(error, 1e-3), n=len(means))
 
 
 def _part(load: Loader, part: tuple[slice, slice]) -> NDArray[np.uint16]:

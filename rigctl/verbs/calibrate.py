@@ -83,7 +83,7 @@ def noise(
     follows them in a name. --exposure-unit overrides this, and gives the unit for names such as exp000522.
 
     Without dark frames, flats give gain, linearity and saturation if the black level is known (--black-level-dn,
-    --overscan, or recorded in the run). Read noise and dark current then stay undetermined.
+    --overscan, BIASSEC of the headers, or recorded in the run). Read noise and dark current then stay undetermined.
 
     Example: rigctl calibrate noise --run runs/noise --out noise.json --report noise.html
 
@@ -110,7 +110,7 @@ def noise(
     black_level_error_dn : float
         Standard error of the black level [DN]; default: 0.5.
     overscan : str
-        Strip of pixels without light, X,Y,WIDTH,HEIGHT; its mean is the black level.
+        Strip of pixels without light, X,Y,WIDTH,HEIGHT; its mean is the black level; default: BIASSEC of the headers.
     plot : path
         Picture of the photon-transfer curve to write (PNG).
     report : path
@@ -142,7 +142,7 @@ def noise(
             folder=None if folder is None else Path(folder),
             table=None if table is None else Path(table),
             bit_depth=bit_depth,
-            reading=ImageReading(plane=plane, most_bytes=most_bytes),
+            reading=ImageReading(plane=plane, most_bytes=most_bytes, is_cut=box is None),
             exposure_unit=exposure_unit,
             frames=frames,
         )

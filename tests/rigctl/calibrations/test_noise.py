@@ -88,17 +88,22 @@ def test_json_is_the_file_the_table_names_quantities_and_a_plot_is_a_png(
 
 
 def write_flats(folder: Path, *, overscan: int = 0) -> Path:
-    """Return a folder of PNG flats, with so many columns without light at the right."""
+    """Return a folder of FITS flats, with so many columns without light at the right, which the header names."""
     folder.mkdir()
     strip = np.random.default_rng(2)
     for number, (kind, exposure_s, counts) in enumerate(frames()):
         if kind == "flat":
             dark = np.rint(strip.normal(BLACK_LEVEL_DN, 2.5, (counts.shape[0], overscan))).astype(np.uint16)
-            cv2.imwrite(str(folder / f"flat_{exposure_s * 1e3:g}ms_{number:03}.png"), np.hstack([counts, dark]))
+            unit = fits.PrimaryHDU(np.hstack([counts, dark]))
+            if overscan:
+                unit.header["BIASSEC"], unit.header["DATASEC"] = f"[65:{64 + overscan},1:48]", "[1:64,1:48]"
+            unit.writeto(folder / f"flat_{exposure_s * 1e3:g}ms_{number:03}.fits")
     return folder
 
 
-@pytest.mark.parametrize(("columns", "options"), [(0, ["--black-level-dn", "60"]), (8, ["--overscan", "64,0,8,48"])])
+@pytest.mark.parametrize(
+    ("columns", "options"), [(0, ["--black-level-dn", "60"]), (8, ["--overscan", "64,0,8,48"]), (8, [])]
+)
 def test_flats_without_darks_give_the_gain(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], columns: int, options: list[str]
 ) -> None:
