@@ -43,7 +43,7 @@ from rigctl.base.numbers import utc_text
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ROC_KINDS
 from rigctl.files.scene_file import load_scene
-from rigctl.files.study_file import MOST_CASES, load_study
+from rigctl.files.study_file import load_study
 from rigctl.mapped import PARTS_FOLDER, held_folder, mapped
 from rigctl.prediction.predict import ROC_RATES, SWEPT_RATES, ScenePredictor, parse_roc, roc_curves_of_sweep
 from rigctl.prediction.sweep import SKY_KEYS
@@ -142,7 +142,7 @@ def run_study(
     predictors = [ScenePredictor(scene.file, None) for scene in scenes]
     cases = cases_of(file.cases, [one.scene for one in predictors])
     wanted = _wanted(file, predictors, tolerance)
-    hashes = [_case_hash(case, scenes[case.scene], wanted) for case in cases]
+    hashes = _case_hashes(cases, scenes, wanted)
     texts = {one.name: read_bounded(one, MOST_TEXT_BYTES).decode("utf-8") for one in (path, *file.scenes)}
     varied = file.cases.parameters
     with held_folder(out):
@@ -235,10 +235,16 @@ def code_version() -> str:
     return on_dask.code_version(PACKAGES)
 
 
-def _case_hash(case: Case, scene: StudyScene, wanted: Wanted) -> str:
-    """Return the hash of a case's inputs, of the wanted numbers, and of the code."""
-    content = [scene.digest, sorted(case.values), wanted.columns, wanted.detection, wanted.roc, wanted.tolerance]
-    return hashlib.sha256(json.dumps([code_version(), *content]).encode()).hexdigest()
+def _case_hashes(cases: Sequence[Case], scenes: Sequence[StudyScene], wanted: Wanted) -> list[str]:
+    """Return the hash of the inputs of each case, of the wanted numbers, and of the code."""
+    shared = [code_version(), wanted.columns, wanted.detection, wanted.roc, wanted.tolerance]
+    begun = [hashlib.sha256(json.dumps([*shared, scene.digest]).encode()) for scene in scenes]
+    hashes = []
+    for case in cases:
+        one = begun[case.scene].copy()
+        one.update(json.dumps(sorted(case.values)).encode())
+        hashes.append(one.hexdigest())
+    return hashes
 
 
 # Cases.
@@ -278,7 +284,7 @@ def _parameters(section: CasesSection, scene: Scene) -> dict[str, Parameter]:
     for key, varied in section.parameters.items():
         try:
             parameters[key] = get(scene, key)
-            for value in varied.range or varied.steps:
+            for value in varied.range or varied.values or (*varied.steps[:1], *varied.steps[-1:]):
                 require_within(scene, {key: value}, option="cases.parameters")
             if varied.std == "stated" and parameters[key].std == 0.0:
                 raise ConfigError(f'cases.parameters: {key}: std = "stated", and the scene states none')
@@ -293,12 +299,10 @@ def _key_values(section: CasesSection, scene: Scene, found: Mapping[str, Paramet
     varied = section.parameters
     steps = [one.steps for one in varied.values()]
     if section.kind == "grid":
-        _require_few(int(np.prod([float(len(one)) for one in steps])))
         return itertools.product(*steps)
     if section.kind == "list":
         return zip(*steps, strict=True)
     n = section.n or 0
-    _require_few(n * (len(varied) + 2 if section.kind == "sobol" else 1))
     cube = unit_draws(section.kind, len(varied), n, section.seed)
     if section.kind in ("random", "latin"):
         cube = _going_together(cube, section, scene)
@@ -322,11 +326,6 @@ def _going_together(cube: FloatArray, section: CasesSection, scene: Scene) -> Fl
             scores = ndtri(np.maximum(cube[:, columns], np.finfo(np.float64).tiny))
             drawn[:, columns] = ndtr(scores @ root)
     return drawn
-
-
-def _require_few(cases: int) -> None:
-    if cases > MOST_CASES:
-        raise ConfigError(f"cases: the study has {cases} cases of each scene, allowed is {MOST_CASES}")
 
 
 def _at(varied: VariedSection, parameter: Parameter, share: FloatArray) -> FloatArray:

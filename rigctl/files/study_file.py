@@ -12,7 +12,8 @@ CaseKind = Literal["grid", "list", "latin", "random", "sobol"]
 # Kinds with random draws: each parameter needs a law.
 DrawnKind = Literal["latin", "random", "sobol"]
 DRAWN: tuple[DrawnKind, ...] = get_args(DrawnKind)
-MOST_CASES = 10_000_000
+# A case takes some 600 bytes before it is computed.
+MOST_CASES = 1_000_000
 
 
 class VariedSection(Section):
@@ -86,13 +87,22 @@ class CasesSection(Section):
             if self.kind == "sobol" and not one.is_drawn:
                 raise ValueError(f'parameters."{key}": kind = "{self.kind}" needs a law: range or std')
         sizes = {key: one.size for key, one in self.parameters.items()}
-        if self.kind == "grid" and prod(sizes.values()) > MOST_CASES:
-            told = " x ".join(f"{key} {size}" for key, size in sizes.items())
-            raise ValueError(f"{told} are {prod(sizes.values())} cases of each scene, allowed are {MOST_CASES}")
         if self.kind == "list" and len(set(sizes.values())) > 1:
             told = ", ".join(f"{key} {size}" for key, size in sizes.items())
             raise ValueError(f'kind = "list" takes values side by side and needs equal numbers of them: {told}')
+        if self.size > MOST_CASES:
+            axes = " x ".join(f"{key} {size}" for key, size in sizes.items())
+            told = f"n = {self.n} makes" if self.kind in DRAWN else f"{axes} are"
+            raise ValueError(f"{told} {self.size} cases of each scene, allowed are {MOST_CASES} in all")
         return self
+
+    @property
+    def size(self) -> int:
+        """Number of cases of each scene."""
+        if self.n is not None:
+            return self.n * (len(self.parameters) + 2 if self.kind == "sobol" else 1)
+        sizes = [one.size for one in self.parameters.values()]
+        return prod(sizes) if self.kind == "grid" else sizes[0]
 
 
 class StudyFile(Section):
@@ -110,6 +120,13 @@ class StudyFile(Section):
     """TARGET,BACKGROUND: the pair with whole ROC curves in the result. Example: `"black_paint,asphalt"`."""
     cases: CasesSection
     """What is varied."""
+
+    @model_validator(mode="after")
+    def _fits_memory(self) -> "StudyFile":
+        if len(self.scenes) * self.cases.size > MOST_CASES:
+            each = f"{len(self.scenes)} scenes with {self.cases.size} cases each"
+            raise ValueError(f"{each} are too many, allowed are {MOST_CASES} cases in all")
+        return self
 
 
 def load_study(path: Path) -> StudyFile:
