@@ -110,7 +110,10 @@ def test_a_stated_deviation_has_to_be_there(scene):
         ({"kind": "random", "parameters": {EXPOSURE: {"std": 0.1}}}, "needs n"),
         ({"kind": "sobol", "n": 100, "parameters": {EXPOSURE: {"std": 0.1}}}, "power of two"),
         ({"kind": "sobol", "n": 64, "parameters": {EXPOSURE: {"values": [1]}}}, "needs a law"),
-        ({"kind": "list", "parameters": {EXPOSURE: {"values": [1]}, EFFICIENCY: {"values": [0.1, 0.2]}}}, "equal numbers"),
+        (
+            {"kind": "list", "parameters": {EXPOSURE: {"values": [1]}, EFFICIENCY: {"values": [0.1, 0.2]}}},
+            "equal numbers",
+        ),
         ({"kind": "grid", "parameters": {EXPOSURE: {"values": [1], "std": 1}}}, "needs one of"),
         ({"kind": "grid", "parameters": {EXPOSURE: {"start": 1, "stop": 2}}}, "start, stop and n together"),
         ({"kind": "random", "n": 3, "parameters": {EXPOSURE: {"range": [2, 1]}}}, "below the second"),
