@@ -26,9 +26,11 @@ _POINTS = 200
 class RxOnRun:
     """RX detection of a target on one cycle of a run."""
 
+    background: str  #: regions
+    target: str
     #: D of each pixel, from mean and covariance of the background region; NaN where it has no meaning.
     statistic: FloatArray
-    n_background: int  #: Pixels of the regions.
+    n_background: int  #: pixels of the regions
     n_target: int
     p_false_alarm: FloatArray  #: Of the curves below, ascending.
     #: For a pixel outside of the background region, whose moments are estimated from its n pixels.
@@ -74,6 +76,8 @@ def detect(
     region = measurement.regions[target]
     low, high = _band(detected, region.pixels, region.independent_pixels)
     return RxOnRun(
+        background=background,
+        target=target,
         statistic=_map(measurement, stokes, mean, cov),
         n_background=n,
         n_target=pixels[target].shape[1],

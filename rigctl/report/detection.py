@@ -38,10 +38,10 @@ def measured_roc_table(found: RxOnRun) -> Table[int]:
     return Table(columns=_columns(found), rows=tuple(range(found.p_false_alarm.size)))
 
 
-def round_roc_table(found: RxOnRun, *, background: str, target: str) -> Table[int]:
+def round_roc_table(found: RxOnRun) -> Table[int]:
     """Return the points at round false alarm rates."""
     places = np.flatnonzero(np.isin(found.p_false_alarm, FALSE_ALARM_RATES)).tolist()
-    return Table(title=f"RX: {target} on {background}", columns=_columns(found), rows=tuple(places))
+    return Table(title=f"RX: {found.target} on {found.background}", columns=_columns(found), rows=tuple(places))
 
 
 def _columns(found: RxOnRun) -> tuple[Column[int], ...]:
@@ -66,19 +66,19 @@ def _columns(found: RxOnRun) -> tuple[Column[int], ...]:
     )
 
 
-def detection_json(found: RxOnRun, *, background: str, target: str) -> dict[str, Json]:
+def detection_json(found: RxOnRun) -> dict[str, Json]:
     """Return the numbers as JSON holds them: points of the curves at round false alarm rates, and the area."""
     return {
         "schema_version": DETECTION_SCHEMA,
-        "background": background,
-        "target": target,
+        "background": found.background,
+        "target": found.target,
         "background_pixels": found.n_background,
         "target_pixels": found.n_target,
         "threshold_law": "F law: background estimated from its pixels, tested pixel outside of them",
         "predicted_from": found.predicted_from,
         "band_level": found.band_level,
         "auc_known_background": found.auc,
-        "points": json_rows(round_roc_table(found, background=background, target=target)),
+        "points": json_rows(round_roc_table(found)),
         "warnings": list(found.warnings),
     }
 
@@ -146,7 +146,7 @@ _LEAST_SHOWN = 0.8
 _MOST_NAMED = 12
 
 
-def statistic_picture(found: RxOnRun, *, background: str) -> bytes:
+def statistic_picture(found: RxOnRun) -> bytes:
     """Return the map of the statistic on a log scale, from the value that one background pixel in ten exceeds."""
     values = np.log10(np.maximum(found.statistic, 1e-3))
     picture = DrawnPicture(
@@ -154,13 +154,13 @@ def statistic_picture(found: RxOnRun, *, background: str) -> bytes:
         low=_LEAST_SHOWN,
         high=max(float(np.nanmax(values, initial=_LEAST_SHOWN)), _LEAST_SHOWN + 0.1),
         colours="cividis",
-        title=f"RX against {background}",
+        title=f"RX against {found.background}",
         label="log10 D",
     )
     return pictures_png((picture,))
 
 
-def roc_plot(found: RxOnRun, *, background: str, target: str) -> bytes:
+def roc_plot(found: RxOnRun) -> bytes:
     """Return the measured ROC with its band and the predicted one on top."""
     figure, axes = subplots(1, 1, size=(6.4, 4.6))
     ax = axes[0]
@@ -172,7 +172,7 @@ def roc_plot(found: RxOnRun, *, background: str, target: str) -> bytes:
     ax.set_xlabel("probability of false alarm")
     ax.set_ylabel("probability of detection")
     ax.set_ylim(-0.02, 1.02)
-    ax.set_title(f"RX: {target} on {background}")
+    ax.set_title(f"RX: {found.target} on {found.background}")
     legend_beside(ax)
     return png(figure)
 

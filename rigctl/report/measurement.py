@@ -134,16 +134,18 @@ def write_stokes(
     return write_folder(out, contents)
 
 
-def write_detection(found: RxOnRun, out: Path, *, background: str, target: str) -> tuple[str, ...]:
+def write_detection(found: RxOnRun, out: Path) -> tuple[str, ...]:
     """Write rx.fits, rx.png, roc.csv, roc.png and detection.json into a folder; return their names."""
     from rigctl.report.detection import detection_json, measured_roc_table, roc_plot, statistic_picture
 
     contents = {
-        "rx.fits": fits_image(found.statistic, unit="", what=f"RX statistic D against {background}; NaN: no meaning"),
-        "rx.png": statistic_picture(found, background=background),
+        "rx.fits": fits_image(
+            found.statistic, unit="", what=f"RX statistic D against {found.background}; NaN: no meaning"
+        ),
+        "rx.png": statistic_picture(found),
         # Line ends of RFC 4180.
         "roc.csv": csv_rows(measured_roc_table(found), line_end="\r\n"),
-        "roc.png": roc_plot(found, background=background, target=target),
-        "detection.json": json_file(detection_json(found, background=background, target=target)),
+        "roc.png": roc_plot(found),
+        "detection.json": json_file(detection_json(found)),
     }
     return write_folder(out, contents)

@@ -94,7 +94,7 @@ def detect(
     found = rx_detection.detect(measurement, stokes, background=background, target=target, predicted=predicted)
     for doubt in (*unset_polarizer(record.path, placeholder=record.session.polarizer.placeholder), *doubts):
         warn(doubt)
-    result = DetectResult(background=background, target=target, found=found)
+    result = DetectResult(found=found)
     if out is not None:
         note(f"written: {', '.join(result.write(Path(out)))} in {out}", below=True)
     return result
@@ -104,27 +104,25 @@ def detect(
 class DetectResult(Result):
     """RX detection of one region of a run on another."""
 
-    background: str
-    target: str
     found: "RxOnRun"  #: map, measured and predicted ROC
 
     def content(self) -> Iterable[Part]:
         """Return the curves at round false alarm rates, and what predicts them."""
         from rigctl.report.detection import roc_plot, round_roc_table
 
-        yield round_roc_table(self.found, background=self.background, target=self.target)
+        yield round_roc_table(self.found)
         yield f"predicted from {self.found.predicted_from}"
         yield from self.found.warnings
-        yield lambda: roc_plot(self.found, background=self.background, target=self.target)
+        yield lambda: roc_plot(self.found)
 
     def as_json(self) -> dict[str, Json]:
         """Return what detection.json holds."""
         from rigctl.report.detection import detection_json
 
-        return detection_json(self.found, background=self.background, target=self.target)
+        return detection_json(self.found)
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write map, curves and numbers into a folder; return the names of the files."""
         from rigctl.report.measurement import write_detection
 
-        return write_detection(self.found, folder, background=self.background, target=self.target)
+        return write_detection(self.found, folder)
