@@ -3,72 +3,34 @@
 `picked_for_run` says which files, and why not others; `calibrations_of_run` reads them too, with doubts in words.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rigctl.base.durable import sha256_of
-from rigctl.calibrations.flat import FlatFields
 from rigctl.calibrations.made_for import KINDS, CalibrationKind, made_for, record_of
-from rigctl.calibrations.noise import NoiseParameters
-from rigctl.calibrations.polarizer import PolarizerParameters
-from rigctl.calibrations.radiometric import RadiometricResponse
-from rigctl.calibrations.registration import ImageRegistration
 from rigctl.calibrations.store import (
     NONE,
     STORE_FOLDER,
     Choice,
     Pick,
-    RigPicks,
     choose,
     read_store,
 )
 from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.measure.frames import (
+    CalibrationPaths,
     FrameGrid,
+    PickedCalibrations,
+    RunCalibrations,
     arrange,
     flat_division,
     frame_shifts,
     throughput_of,
 )
 from rigctl.runs.folder import Run
-
-
-@dataclass(frozen=True, kw_only=True)
-class CalibrationPaths:
-    """Files of calibrations that somebody names, and where the others are picked from."""
-
-    named: Mapping[CalibrationKind, Path] = field(default_factory=dict)  #: `NONE` for a kind that is not to be used
-    picks: bool = False  #: pick what is not named from the store, where there is one
-    store: Path | None = None  #: the store; None is the one next to the rig file
-    force_registration: bool = False  #: use a registration that helps no edges too
-
-    @property
-    def files(self) -> dict[CalibrationKind, Path]:
-        """Files that are named, by their kind."""
-        return {kind: self.named[kind] for kind in KINDS if self.named.get(kind, NONE) != NONE}
-
-
-@dataclass(frozen=True, kw_only=True)
-class PickedCalibrations(RigPicks):
-    """Calibrations of a run: those that were named, and those that were picked from the store."""
-
-    paths: CalibrationPaths = field(default_factory=CalibrationPaths)  #: all of them
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RunCalibrations:
-    """Calibrations of a run: which they are, their contents, and doubts about using them for it, in words."""
-
-    picked: PickedCalibrations = field(default_factory=PickedCalibrations)
-    noise: NoiseParameters | None = None
-    radiometric: RadiometricResponse | None = None
-    registration: ImageRegistration | None = None
-    flat: FlatFields | None = None
-    polarizer: PolarizerParameters | None = None
-    doubts: tuple[str, ...] = ()
 
 
 def calibrations_of_run(paths: CalibrationPaths, run: Run, kinds: Sequence[CalibrationKind]) -> RunCalibrations:

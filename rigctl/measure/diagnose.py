@@ -24,17 +24,15 @@ from rigctl.calibrations.made_for import CalibrationKind
 from rigctl.calibrations.polarizer import PolarizerParameters, read_polarizer_file
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region
-from rigctl.measure.calibrations import (
-    CalibrationPaths,
-    PickedCalibrations,
-    RunCalibrations,
-    picked_for_run,
-)
+from rigctl.measure.calibrations import picked_for_run
 from rigctl.measure.faults import FaultTerm, fault_lines, fault_title
 from rigctl.measure.frames import (
+    CalibrationPaths,
     FoundCorrections,
     FrameGrid,
     FrameShifts,
+    PickedCalibrations,
+    RunCalibrations,
     Throughput,
     flat_remarks,
     moved_edges,
@@ -424,23 +422,11 @@ def measure_run(
     given = RunCalibrations() if calibrations is None else calibrations
     is_forced = given.picked.paths.force_registration
 
-    def measured(found: FoundCorrections | None = None) -> Measurement:
-        return measure(
-            run,
-            regions=regions,
-            noise=given.noise,
-            registration=given.registration,
-            flats=given.flat,
-            polarizer=given.polarizer,
-            found=found,
-            may_measure_none=True,
-        )
-
-    measurement = measured()
+    measurement = measure(run, regions=regions, calibrations=given, may_measure_none=True)
     remarks, diagnosis = _registered(measurement, force=is_forced), diagnose_run(measurement)
     if correct:
         found = _helpful(measurement, found_faults(measurement.grid, diagnosis, correct), force=is_forced)
-        measurement = measured(found)
+        measurement = measure(run, regions=regions, calibrations=given, found=found, may_measure_none=True)
         remarks, diagnosis = (*remarks, *found.remarks), diagnose_run(measurement)
     return MeasuredRun(
         measurement=measurement,

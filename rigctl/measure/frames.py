@@ -1,13 +1,15 @@
 """Frames of a run by cycle and angle, and what is done to each before anything is measured.
 
-`arrange` finds which frame is which; `find_dark_level` what is taken off. `Corrections` are, in this order: the
-throughput of the polarizer at an angle, flat fields, and a registration that moves frames to lie on one another; each
-says what it does to noise. `corrected_frames` gives a reader of frames, one by one, that keeps what is known of all.
+`arrange` finds which frame is which; `RunCalibrations` are what they are processed with; `find_dark_level` says what is
+taken off. `Corrections` are, in this order: the throughput of the polarizer at an angle, flat fields, and a
+registration that moves frames to lie on one another; each says what it does to noise. `corrected_frames` gives a reader
+of frames, one by one, that keeps what is known of all.
 """
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +20,12 @@ from model.processing.mosaic import variance_factor
 from model.quantities import counts_name
 from rigctl.base.numbers import wrapped
 from rigctl.calibrations.flat import FlatFields
+from rigctl.calibrations.made_for import KINDS, CalibrationKind
 from rigctl.calibrations.noise import NoiseParameters
 from rigctl.calibrations.polarizer import Channel, PolarizerParameters
+from rigctl.calibrations.radiometric import RadiometricResponse
 from rigctl.calibrations.registration import ImageRegistration, angle_deg, usable_pixels
+from rigctl.calibrations.store import NONE, RigPicks
 from rigctl.errors import DataError
 from rigctl.files.regions import Region, masks
 from rigctl.runs.folder import Run
@@ -203,6 +208,41 @@ def _exposures_s(run: Run, records: tuple[tuple[FrameRecord, ...], ...]) -> Floa
     if np.any(np.ptp(exposures, axis=0) > 1e-9 * exposures.max()):
         raise DataError(f"{run.path}: the exposure of an angle differs from cycle to cycle; this is not supported")
     return np.asarray(exposures[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationPaths:
+    """Files of calibrations that somebody names, and where the others are picked from."""
+
+    named: Mapping[CalibrationKind, Path] = field(default_factory=dict)  #: `NONE` for a kind that is not to be used
+    picks: bool = False  #: pick what is not named from the store, where there is one
+    store: Path | None = None  #: the store; None is the one next to the rig file
+    force_registration: bool = False  #: use a registration that helps no edges too
+
+    @property
+    def files(self) -> dict[CalibrationKind, Path]:
+        """Files that are named, by their kind."""
+        return {kind: self.named[kind] for kind in KINDS if self.named.get(kind, NONE) != NONE}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PickedCalibrations(RigPicks):
+    """Calibrations of a run: those that were named, and those that were picked from the store."""
+
+    paths: CalibrationPaths = field(default_factory=CalibrationPaths)  #: all of them
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunCalibrations:
+    """Calibrations of a run: which they are, their contents, and doubts about using them for it, in words."""
+
+    picked: PickedCalibrations = field(default_factory=PickedCalibrations)
+    noise: NoiseParameters | None = None
+    radiometric: RadiometricResponse | None = None
+    registration: ImageRegistration | None = None
+    flat: FlatFields | None = None
+    polarizer: PolarizerParameters | None = None
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -603,19 +643,15 @@ class CorrectedFrames:
 def corrected_frames(
     run: Run,
     grid: FrameGrid,
-    *,
-    noise: NoiseParameters | None,
-    registration: ImageRegistration | None,
-    flats: FlatFields | None,
-    polarizer: PolarizerParameters | None,
+    given: RunCalibrations,
     found: FoundCorrections | None,
 ) -> CorrectedFrames:
     """Return a reader of a run's frames, corrected by calibrations and by the faults that the run itself shows."""
-    dark_level = find_dark_level(run, grid, noise)
-    throughput = None if polarizer is None else throughput_of(grid, polarizer)
+    dark_level = find_dark_level(run, grid, given.noise)
+    throughput = None if given.polarizer is None else throughput_of(grid, given.polarizer)
     shifts = None if found is None else found.shifts
-    if shifts is None and registration is not None:
-        shifts = frame_shifts(run, grid, registration)
+    if shifts is None and given.registration is not None:
+        shifts = frame_shifts(run, grid, given.registration)
     if found is not None and found.dark is not None:
         dark_level = replace(
             dark_level,
@@ -624,7 +660,7 @@ def corrected_frames(
         )
     corrections = Corrections(
         throughput=_together(throughput, None if found is None else found.throughput),
-        flat=None if flats is None else flat_division(grid, flats),
+        flat=None if given.flat is None else flat_division(grid, given.flat),
         shifts=shifts,
         interpolated=variance_factor(run.session.interpolation),
     )

@@ -45,10 +45,7 @@ from model.processing.samples import (
 from model.quantities import is_counts, ratio_name
 from model.sensor import SensorNoise, temporal_variance_dn2
 from model.stokes import dolp as degree_of_polarization
-from rigctl.calibrations.flat import FlatFields
 from rigctl.calibrations.noise import NoiseParameters
-from rigctl.calibrations.polarizer import PolarizerParameters
-from rigctl.calibrations.registration import ImageRegistration
 from rigctl.errors import DataError
 from rigctl.files.regions import Region, inner_masks, masks
 from rigctl.measure.frames import (
@@ -60,6 +57,7 @@ from rigctl.measure.frames import (
     FoundCorrections,
     FrameGrid,
     FrameShifts,
+    RunCalibrations,
     arrange,
     corrected_frames,
 )
@@ -149,10 +147,7 @@ def measure(
     run: Run,
     *,
     regions: list[Region],
-    noise: NoiseParameters | None = None,
-    registration: ImageRegistration | None = None,
-    flats: FlatFields | None = None,
-    polarizer: PolarizerParameters | None = None,
+    calibrations: RunCalibrations | None = None,
     found: FoundCorrections | None = None,
     may_measure_none: bool = False,
 ) -> Measurement:
@@ -163,9 +158,7 @@ def measure(
     plan = _plan(run, grid, extinction_ratio)
     outer = masks(regions, width=grid.width, height=grid.height)
     inside = inner_masks(regions, outer, least_px=reach_px(run.session.interpolation))
-    frames = corrected_frames(
-        run, grid, noise=noise, registration=registration, flats=flats, polarizer=polarizer, found=found
-    )
+    frames = corrected_frames(run, grid, calibrations or RunCalibrations(), found)
     measured, unmeasured = _measured_regions(outer, inside, frames, _repeats(inside, frames, plan), plan, found)
     if unmeasured and not measured and not may_measure_none:
         raise DataError("; ".join(dict.fromkeys(unmeasured.values())))

@@ -559,6 +559,7 @@ def radiometric(
     from rigctl.calibrations.record import write_content
     from rigctl.comparison.scale import panel_response
     from rigctl.files.rig_file import unset_polarizer
+    from rigctl.measure.frames import RunCalibrations
     from rigctl.measure.measure import measure
     from rigctl.runs.check import used_run
     from rigctl.scene.scene import scene_of_file
@@ -567,7 +568,7 @@ def radiometric(
     record = used_run(Path(run), **frames)
     calibrated, doubts = (None, ()) if noise is None else NoiseParameters.read_fitting(Path(noise), record)
     regions = [region for region in content.regions if region.name == panel]
-    measurement = measure(record, regions=list(regions), noise=calibrated)
+    measurement = measure(record, regions=list(regions), calibrations=RunCalibrations(noise=calibrated))
     files = {"scene": scene, "noise": noise}
     named = {what: Path(path) for what, path in files.items() if isinstance(path, str | Path)}
     used = scene_of_file(content, calibrated)

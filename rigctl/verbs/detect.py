@@ -74,6 +74,7 @@ def detect(
     from rigctl.comparison import detect as rx_detection
     from rigctl.comparison.predict_run import run_predictor
     from rigctl.files.rig_file import unset_polarizer
+    from rigctl.measure.frames import RunCalibrations
     from rigctl.measure.measure import measure, signal_of_cycle
     from rigctl.runs.check import used_run
     from rigctl.scene.scene import scene_of_file
@@ -84,7 +85,8 @@ def detect(
     drawn = regions_of(regions if content is None else content.regions)
     record = used_run(Path(run), **frames)
     calibrated, doubts = (None, ()) if noise is None else NoiseParameters.read_fitting(Path(noise), record)
-    measurement, predicted = measure(record, regions=drawn, noise=calibrated), None
+    measurement = measure(record, regions=drawn, calibrations=RunCalibrations(noise=calibrated))
+    predicted = None
     if content is not None:
         with solving_shown():
             predictor = run_predictor(measurement, scene_of_file(content, calibrated))

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rigctl.calibrations.made_for import CalibrationKind
     from rigctl.files.regions import Region
     from rigctl.files.scene_file import SceneFile
-    from rigctl.measure.calibrations import CalibrationPaths
+    from rigctl.measure.frames import CalibrationPaths
     from rigctl.report.table import AnyTable
 
 # Python takes texts and what it has read already; the command line makes a path of every text.
@@ -223,7 +223,7 @@ def engine_of(options: EngineOptions) -> "mapped.Engine":
 def calibrations_of(frames: FrameOptions | ScaledOptions) -> "CalibrationPaths":
     """Return the calibration files that the options name, and the store that the others are picked from."""
     from rigctl.calibrations.store import NONE
-    from rigctl.measure.calibrations import CalibrationPaths
+    from rigctl.measure.frames import CalibrationPaths
 
     given: dict[CalibrationKind, FilePath | None] = {
         "noise": frames.get("noise"),

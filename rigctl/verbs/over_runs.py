@@ -23,8 +23,9 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import load_scene
 from rigctl.mapped import Engine, Outcome, code_version, held_folder, mapped
-from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations, store_of_run
+from rigctl.measure.calibrations import store_of_run
 from rigctl.measure.diagnose import recalibrated
+from rigctl.measure.frames import CalibrationPaths, PickedCalibrations
 from rigctl.measure.measure import Measurement
 from rigctl.report.comparison import write_comparison, write_comparison_numbers
 from rigctl.report.data_files import json_file

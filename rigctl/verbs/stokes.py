@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from model.processing.samples import Texture
     from rigctl.comparison.checks import Check
     from rigctl.files.regions import Region
-    from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations
     from rigctl.measure.diagnose import MeasuredRun
+    from rigctl.measure.frames import CalibrationPaths, PickedCalibrations
     from rigctl.measure.measure import Measurement
     from rigctl.measure.pixel_errors import PixelErrors
     from rigctl.report.stokes_file import Plane

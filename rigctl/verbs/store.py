@@ -184,7 +184,8 @@ def _choices(used_by: Path, folder: Path, now_ns: int) -> "tuple[Choice, ...]":
     from rigctl.calibrations.made_for import KINDS
     from rigctl.calibrations.store import picked_for_rig
     from rigctl.files.rig_file import load_rig
-    from rigctl.measure.calibrations import CalibrationPaths, picked_for_run
+    from rigctl.measure.calibrations import picked_for_run
+    from rigctl.measure.frames import CalibrationPaths
     from rigctl.runs.check import used_run
 
     if used_by.is_dir():

@@ -10,7 +10,8 @@ import pytest
 
 import rigctl
 from rigctl import cli
-from rigctl.measure.calibrations import CalibrationPaths, picked_for_run
+from rigctl.measure.calibrations import picked_for_run
+from rigctl.measure.frames import CalibrationPaths
 from rigctl.runs.check import used_run
 from rigctl.runs.records import FrameRecord
 from rigctl.runs.writer import RunWriter

@@ -4,8 +4,8 @@ import pytest
 from rigctl.comparison.compare import compare_with_itself
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
-from rigctl.measure.calibrations import RunCalibrations
 from rigctl.measure.diagnose import measure_run
+from rigctl.measure.frames import RunCalibrations
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.noise_records import noise_parameters
 

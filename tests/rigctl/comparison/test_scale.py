@@ -21,8 +21,8 @@ from rigctl.console import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ScaleKind
 from rigctl.files.scene_file import SceneFile, load_scene
-from rigctl.measure.calibrations import RunCalibrations
 from rigctl.measure.diagnose import measure_run
+from rigctl.measure.frames import RunCalibrations
 from rigctl.measure.measure import measure
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.report.comparison import compared_json

@@ -22,7 +22,7 @@ from rigctl.console import EXIT_DATA
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measure import measure as measurement
-from rigctl.measure.frames import arrange, flat_remarks
+from rigctl.measure.frames import RunCalibrations, arrange, flat_remarks
 from rigctl.measure.measure import Measurement, measure
 from rigctl.runs.folder import Run
 from tests.rigctl.made_runs import at, make_run
@@ -147,7 +147,7 @@ def flat_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def divided(flat_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Measurement:
     run = scene_run(tmp_path_factory.mktemp("scene") / "run")
     flats, _ = FlatFields.read_fitting(flat_file, run)
-    return measure(run, regions=[REGION], flats=flats)
+    return measure(run, regions=[REGION], calibrations=RunCalibrations(flat=flats))
 
 
 def test_the_numbers_of_a_flat_are_found(flat_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -200,7 +200,7 @@ def test_an_angle_without_a_flat_is_refused(flat_file: Path, tmp_path: Path) -> 
     run = scene_run(tmp_path / "run", angles_deg=(0.0, 30.0, 90.0, 135.0))
     flats, _ = FlatFields.read_fitting(flat_file, run)
     with pytest.raises(DataError, match="no flat field at 30"):
-        measure(run, regions=[], flats=flats)
+        measure(run, regions=[], calibrations=RunCalibrations(flat=flats))
 
 
 def test_flats_of_another_stage_or_size_are_refused(flat_file: Path, tmp_path: Path) -> None:

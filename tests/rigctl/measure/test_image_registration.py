@@ -10,6 +10,7 @@ from pydantic import TypeAdapter
 from rigctl.calibrations.registration import ImageRegistration, register_run
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
+from rigctl.measure.frames import RunCalibrations
 from rigctl.measure.measure import Measurement, measure, temporal_noise, temporal_variance
 from rigctl.runs.folder import Run
 from tests.rigctl.made_runs import at, make_run
@@ -79,7 +80,7 @@ def registration(run: Run) -> ImageRegistration:
 
 @pytest.fixture(scope="module")
 def moved(run: Run, registration: ImageRegistration) -> Measurement:
-    return measure(run, regions=[REGION], noise=NOISE, registration=registration)
+    return measure(run, regions=[REGION], calibrations=RunCalibrations(noise=NOISE, registration=registration))
 
 
 def dolp(measurement: Measurement) -> FloatArray:
@@ -95,7 +96,9 @@ def test_the_walk_is_known_to_a_fiftieth_of_a_pixel(registration: ImageRegistrat
 
 
 def test_false_polarization_at_edges_goes_away(run: Run, moved: Measurement) -> None:
-    before, after = (np.std(dolp(one)) for one in (measure(run, regions=[REGION], noise=NOISE), moved))
+    before, after = (
+        np.std(dolp(one)) for one in (measure(run, regions=[REGION], calibrations=RunCalibrations(noise=NOISE)), moved)
+    )
     # Noise alone: sqrt(2) / sqrt(6000 * 6 cycles) is 0.0075 or less where pixels were mixed.
     assert before > 0.015
     assert after < 0.009
@@ -125,7 +128,9 @@ def test_pixels_that_take_part_of_a_saturated_one_are_saturated(
     tmp_path: Path, registration: ImageRegistration
 ) -> None:
     found = measure(
-        walking_run(tmp_path / "run", cycles=1, bad=True), regions=[], noise=NOISE, registration=registration
+        walking_run(tmp_path / "run", cycles=1, bad=True),
+        regions=[],
+        calibrations=RunCalibrations(noise=NOISE, registration=registration),
     )
     # One bad pixel is part of four when it is moved by parts of a pixel both ways.
     assert found.saturated.sum() == 4

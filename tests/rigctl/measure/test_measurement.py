@@ -12,6 +12,7 @@ from model.processing.samples import repeated
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.imports.images import ImportRequest
+from rigctl.measure.frames import RunCalibrations
 from rigctl.measure.measure import measure, measure_region
 from rigctl.runs.folder import read_run
 from rigctl.verbs.import_images import imported
@@ -73,7 +74,7 @@ def test_a_calibration_gives_the_dark_level_where_the_run_says_nothing(tmp_path)
             "dark_current_e_per_s": {"value": 40.0, "std_error": 1.0, "n": 2},
         }
     )
-    found = measure(make_run(tmp_path / "run", frames), regions=[], noise=noise)
+    found = measure(make_run(tmp_path / "run", frames), regions=[], calibrations=RunCalibrations(noise=noise))
     assert found.dark_level.level_dn == pytest.approx([65, 65, 65])
 
 

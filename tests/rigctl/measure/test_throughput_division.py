@@ -13,6 +13,7 @@ from rigctl.cli import main
 from rigctl.console import EXIT_DATA
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
+from rigctl.measure.frames import RunCalibrations
 from rigctl.measure.measure import measure, temporal_noise, temporal_variance
 from rigctl.runs.folder import Run
 from tests.rigctl.made_runs import at, make_run
@@ -65,7 +66,11 @@ def kept(folder: Path, content: dict[str, Any]) -> Path:
 def test_false_polarization_goes_away_and_its_error_is_carried(tmp_path: Path) -> None:
     run = dim_run(tmp_path / "run")
     before = measure(run, regions=[REGION]).regions["a"].quantities["s1n"]["mean"]
-    found = measure(run, regions=[REGION], polarizer=parameters(POLARIZER)).regions["a"].quantities["s1n"]["mean"]
+    found = (
+        measure(run, regions=[REGION], calibrations=RunCalibrations(polarizer=parameters(POLARIZER)))
+        .regions["a"]
+        .quantities["s1n"]["mean"]
+    )
     # (1.03 - 1.00) / 2 of the mean light; counts of 4875 pixels and 6 cycles are good to 1e-4.
     assert before.value == pytest.approx(0.015, abs=1e-3)
     # Two frames with 2e-3 each, over twice their mean.
@@ -74,7 +79,9 @@ def test_false_polarization_goes_away_and_its_error_is_carried(tmp_path: Path) -
 
 
 def test_noise_is_predicted_with_the_throughput(tmp_path: Path) -> None:
-    found = measure(dim_run(tmp_path / "run"), regions=[REGION], polarizer=parameters(POLARIZER))
+    found = measure(
+        dim_run(tmp_path / "run"), regions=[REGION], calibrations=RunCalibrations(polarizer=parameters(POLARIZER))
+    )
     region = found.regions["a"]
     predicted = np.sqrt(temporal_variance(found, region, temporal_noise(NOISE).values))
     for name, deviation in zip(found.grid.channel_names, predicted, strict=True):
@@ -85,7 +92,7 @@ def test_noise_is_predicted_with_the_throughput(tmp_path: Path) -> None:
 def test_an_angle_that_was_not_calibrated_is_refused(tmp_path: Path) -> None:
     some = POLARIZER | {"channels": POLARIZER["channels"][:3]}
     with pytest.raises(DataError, match="calibrate at the angles that are used"):
-        measure(dim_run(tmp_path / "run"), regions=[], polarizer=parameters(some))
+        measure(dim_run(tmp_path / "run"), regions=[], calibrations=RunCalibrations(polarizer=parameters(some)))
 
 
 def test_a_run_that_was_taken_with_another_axis_is_refused(tmp_path: Path) -> None:
