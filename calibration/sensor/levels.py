@@ -236,10 +236,12 @@ def level_statistics(
         raise CalibrationError(f"a level needs at least two frames to show noise; this {kind} has {n_frames}")
 
     kept = None if outlier is None else ~outlier
-    kept_total = total if kept is None else total[kept]
-    mean_dn = int(kept_total.sum(dtype=np.uint64)) / (kept_total.size * n_frames)
+    n_pixels = total.size if kept is None else int(np.count_nonzero(kept))
+    sum_dn = total.sum(dtype=np.uint64) if kept is None else total.sum(dtype=np.uint64, where=kept)
+    mean_dn = int(sum_dn) / (n_pixels * n_frames)
     deviations: SingleArray = np.multiply(total, 1.0 / n_frames, dtype=np.float32)
     deviations -= mean_dn
+    del total, previous, square  # pictures that would otherwise stay to the end
     if outlier is not None:
         deviations[outlier] = 0.0
     pixels = (square_sum, deviations) if kept is None else (square_sum[kept], deviations[kept])
@@ -269,7 +271,7 @@ def level_statistics(
         photons=photons,
         n_frames=n_frames,
         shape=shape,
-        n_pixels=kept_total.size,
+        n_pixels=n_pixels,
         mean_dn=mean_dn,
         frame_means_dn=tuple(means),
         temporal_variance_dn2=temporal_dn2,

@@ -946,13 +946,14 @@ def _light_in_darks(pattern: FixedPattern, *, black_level_dn: float) -> tuple[Es
     relative = pattern.flat.mean_dn - pattern.dark.mean_dn
     relative /= np.float32(pattern.signal_dn)
     dark, response = _local(pattern.dark.mean_dn), _local(relative)
+    del relative
     noise_dn2 = float(np.mean(pattern.dark.temporal_variance_dn2)) / pattern.n_dark_frames
     flat_noise_dn2 = float(np.mean(pattern.flat.temporal_variance_dn2)) / pattern.n_flat_frames
     kept = (np.abs(dark) < _OUTLIER * _robust_std(dark)) & (np.abs(response) < _OUTLIER * _robust_std(response))
     if np.count_nonzero(kept) < _LEAST_PIXELS:
         return None
     d, r = dark[kept], response[kept]
-    del dark, response, relative
+    del dark, response
     _, (d_variance, r_variance), d_with_r = _pair_moments(d, r)
     of_response = r_variance - _LOCAL_SHARE * (noise_dn2 + flat_noise_dn2) / pattern.signal_dn**2
     if of_response <= 0.0:
