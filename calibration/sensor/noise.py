@@ -117,6 +117,7 @@ class NoiseCalibration:
     emva1288: dict[str, EmvaFigure | None]  #: under the names of `calibration.sensor.emva1288.EMVA_SYMBOLS`
     influence: tuple[LevelInfluence, ...]  #: each flat compared with all others, in the order of `flats`
     light_stability: LightStability  #: stability of the light from frame to frame
+    pattern: FixedPattern | None = None  #: the fixed pattern pixel by pixel, see `with_pattern`
 
     @property
     def stacks(self) -> tuple[LevelStatistics, LevelStatistics] | None:
@@ -239,7 +240,7 @@ def calibrate_noise(
 
 
 def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) -> NoiseCalibration:
-    """Return a calibration with the findings of its fixed pattern, without a dark current if darks may contain light.
+    """Return a calibration with its fixed pattern and its findings, without a dark current if darks may contain light.
 
     Parameters
     ----------
@@ -259,7 +260,7 @@ def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) ->
     # Single defects are more informative than their variance.
     names = {flag.name for flag in found}
     kept = tuple(flag for flag in calibration.flags if flag.name not in names)
-    calibration = replace(calibration, flags=by_consequence((*kept, *found)))
+    calibration = replace(calibration, pattern=pattern, flags=by_consequence((*kept, *found)))
     in_darks = None if pattern is None else _light_in_darks(pattern, black_level_dn=calibration.black_level_dn.value)
     excludes_light = False
     if in_darks is not None:

@@ -6,7 +6,7 @@ Levels are measured in threads, a few at a time, so that memory does not grow wi
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -29,7 +29,7 @@ _LISTED = 1000
 
 
 def noise_content(calibration: NoiseCalibration, frames: FrameSet, *, created_ns: int) -> dict[str, Json]:
-    """Return the content of the file but for the fixed pattern, made at a time [ns since 1970 UTC]."""
+    """Return the content of the file, made at a time [ns since 1970 UTC]."""
     estimates = {name: getattr(calibration, name) for name in QUANTITIES}
     return {
         "schema_version": SCHEMA_VERSION,
@@ -53,6 +53,7 @@ def noise_content(calibration: NoiseCalibration, frames: FrameSet, *, created_ns
         "not_known": not_known(calibration),
         "influence": [asdict(one) for one in calibration.influence],
         "light_stability": asdict(calibration.light_stability),
+        "fixed_pattern": None if calibration.pattern is None else _pattern(calibration.pattern),
     }
 
 
@@ -182,22 +183,7 @@ _WORKERS, _WORK_BYTES, _BYTES_PER_PIXEL = min(4, os.cpu_count() or 1), 200_000_0
 LevelDone = Callable[[int, int], None]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FrameCalibration:
-    """A noise calibration, and the frames that it was made from."""
-
-    noise: NoiseCalibration
-    pattern: FixedPattern | None  #: the fixed pattern pixel by pixel; None where no flat is brighter than its dark
-    frames: FrameSet
-
-    def as_json(self, *, created_ns: int) -> dict[str, Json]:
-        """Return the content of noise.json, made at a time [ns since 1970 UTC]."""
-        return noise_content(self.noise, self.frames, created_ns=created_ns) | {
-            "fixed_pattern": None if self.pattern is None else _pattern(self.pattern)
-        }
-
-
-def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -> FrameCalibration:
+def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -> NoiseCalibration:
     """Return the noise calibration of a set of frames.
 
     Each frame is read once. Where several levels have as many frames as the one that the fixed pattern is taken from,
@@ -219,12 +205,11 @@ def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -
     noise = calibrate_noise(
         levels, bit_depth=frames.bit_depth, stated=frames.stated, black_level_dn=frames.black_level_dn
     )
-    pattern = _fixed_pattern(noise, dict(zip(map(id, levels), groups, strict=True)))
-    noise = with_pattern(noise, pattern)
+    noise = with_pattern(noise, _fixed_pattern(noise, dict(zip(map(id, levels), groups, strict=True))))
     flags = (*noise.flags, *frames.flags)
     if singles := len(frames.groups) - len(groups):
         flags += (_single_frames(singles),)
-    return FrameCalibration(noise=replace(noise, flags=by_consequence(flags)), pattern=pattern, frames=frames)
+    return replace(noise, flags=by_consequence(flags))
 
 
 def _workers(groups: Sequence[FrameGroup]) -> int:

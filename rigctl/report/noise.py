@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from calibration.sensor.levels import LevelStatistics
     from calibration.sensor.noise import NoiseCalibration, Performance
     from calibration.sensor.pattern import FixedPattern, PatternHistogram, Spectrogram
-    from rigctl.calibrations.noise_calibration import FrameCalibration
-    from rigctl.calibrations.noise_frames import FrameSource
+    from rigctl.calibrations.noise_frames import FrameSet, FrameSource
     from rigctl.calibrations.store import History
     from rigctl.report.document import Block
 
@@ -687,9 +686,9 @@ _SHEET = (
 )
 
 
-def calibration_report(calibration: FrameCalibration, *, created_utc: str) -> Report:
+def calibration_report(noise: NoiseCalibration, frames: FrameSet, *, created_utc: str) -> Report:
     """Return the report of a noise calibration."""
-    noise, remarks = calibration.noise, _remarks(calibration.noise.performance)
+    remarks = _remarks(noise.performance)
     rows = calibration_rows(noise)
     unknown = tuple(unknown_lines(noise))
     numbers: tuple[Block, ...] = (
@@ -699,19 +698,19 @@ def calibration_report(calibration: FrameCalibration, *, created_utc: str) -> Re
         *((Bullets(items=unknown),) if unknown else ()),
     )
     return Report(
-        title=f"Sensor noise: {Path(calibration.frames.source.path).name}",
-        source=_facts(calibration.frames.source, created_utc),
+        title=f"Sensor noise: {Path(frames.source.path).name}",
+        source=_facts(frames.source, created_utc),
         sections=[
             Section(title="Numbers", blocks=(*numbers, Bullets(items=tuple(remarks))) if remarks else numbers),
             Section(title="Findings in the frames", blocks=(_flags(noise.flags),)),
             *_curves(noise),
-            *_pattern(calibration.pattern),
+            *_pattern(noise.pattern),
             Section(
                 title="EMVA 1288 summary sheet",
                 blocks=(
                     Table(
                         columns=text_columns("operation point", "", left=(0, 1)),
-                        rows=tuple(_sheet_facts(calibration)),
+                        rows=tuple(_sheet_facts(noise, frames)),
                     ),
                     sheet_table(rows),
                     Paragraph(text=_SHEET),
@@ -787,8 +786,8 @@ def _decibels_and_bits(ratio: float) -> str:
     return f"{_DECIBEL * np.log10(ratio):.1f} dB, {np.log2(ratio):.1f} bits"
 
 
-def _sheet_facts(calibration: FrameCalibration) -> list[tuple[str, str]]:
-    noise, made_for = calibration.noise, calibration.frames.made_for
+def _sheet_facts(noise: NoiseCalibration, source: FrameSet) -> list[tuple[str, str]]:
+    made_for = source.made_for
     frames = [level.n_frames for level in (*noise.flats, *noise.darks)]
     exposures = [level.exposure_s for level in (*noise.flats, *noise.darks) if level.exposure_s is not None]
     rows, columns = noise.flats[0].shape
@@ -799,7 +798,7 @@ def _sheet_facts(calibration: FrameCalibration) -> list[tuple[str, str]]:
     return [
         *((name.replace("_", " "), _known(getattr(made_for, name))) for name in _MADE_FOR),
         ("temperature", "not known" if made_for.temperature_c is None else f"{made_for.temperature_c:.1f} °C"),
-        ("picture", f"{columns} x {rows} pixels, {calibration.frames.bit_depth} bits"),
+        ("picture", f"{columns} x {rows} pixels, {source.bit_depth} bits"),
         ("levels", f"{len(noise.flats)} with light, {len(noise.darks)} dark, {sum(frames)} frames"),
         ("exposures", f"{_ms(min(exposures))} to {_ms(max(exposures))}" if exposures else "not known"),
         ("light varied by", "exposure time" if len(set(exposures)) > len(noise.darks) // 2 > 0 else "lamp"),

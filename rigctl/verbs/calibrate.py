@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 
     from calibration.pointing.pose import LensCalibration
     from calibration.sensor.curves import DoublingTemperature
+    from calibration.sensor.noise import NoiseCalibration
     from rigctl.calibrations.flat import RunFlat
     from rigctl.calibrations.made_for import MeasuredOverFrames
     from rigctl.calibrations.noise import NoiseParameters
-    from rigctl.calibrations.noise_calibration import FrameCalibration
     from rigctl.calibrations.noise_frames import FrameSet
     from rigctl.calibrations.registration import AngleShift, RunRegistration
 
@@ -136,7 +136,7 @@ def noise(
     box = _overscan_box(overscan)
     most_bytes = max_frame_mb * 1_000_000
     try:
-        source = _noise_frames(
+        images = _noise_frames(
             run=None if run is None else Path(run),
             emva=None if emva is None else Path(emva),
             folder=None if folder is None else Path(folder),
@@ -146,28 +146,28 @@ def noise(
             exposure_unit=exposure_unit,
             frames=frames,
         )
-        source = _with_black_level(source, black_level_dn, black_level_error_dn, box)
+        images = _with_black_level(images, black_level_dn, black_level_error_dn, box)
         with Progress(console=progress(), transient=True) as bar:
             task = bar.add_task("levels", total=None)
             found = calibrate_frames(
-                source, level_done=lambda done, total: bar.update(task, completed=done, total=total)
+                images, level_done=lambda done, total: bar.update(task, completed=done, total=total)
             )
     except RefusedFramesError as error:
         with_answer(error, {**dict.fromkeys(QUANTITIES), "flags": [asdict(flag) for flag in error.flags]})
         raise
-    result = NoiseResult(calibration=found, created_ns=time.time_ns())
+    result = NoiseResult(calibration=found, frames=images, created_ns=time.time_ns())
     if out is not None:
         write_content(Path(out), result.as_json())
     if plot is not None:
         from rigctl.report.noise import photon_transfer_png
 
-        write_whole(Path(plot), photon_transfer_png(found.noise))
+        write_whole(Path(plot), photon_transfer_png(found))
     if report is not None:
         from rigctl.base.numbers import utc_text
         from rigctl.report.noise import calibration_report
         from rigctl.report.output import report_file
 
-        page = calibration_report(found, created_utc=utc_text(result.created_ns))
+        page = calibration_report(found, images, created_utc=utc_text(result.created_ns))
         write_whole(Path(report), report_file(page, Path(report)))
     if defects is not None:
         write_whole(Path(defects), _defects_png(Path(defects), found))
@@ -176,9 +176,10 @@ def noise(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoiseResult(Result):
-    """A noise calibration, and when it was made."""
+    """A noise calibration, its frames, and when it was made."""
 
-    calibration: "FrameCalibration"
+    calibration: "NoiseCalibration"
+    frames: "FrameSet"
     created_ns: int  #: since 1970 UTC
 
     def content(self) -> Iterable[Part]:
@@ -186,7 +187,7 @@ class NoiseResult(Result):
         from calibration.sensor.noise import first_lines
         from rigctl.report.noise import calibration_rows, calibration_table, unknown_lines
 
-        found = self.calibration.noise
+        found = self.calibration
         yield from first_lines(found)
         yield calibration_table(calibration_rows(found))
         yield from unknown_lines(found)
@@ -194,7 +195,9 @@ class NoiseResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return the content of the calibration file."""
-        return self.calibration.as_json(created_ns=self.created_ns)
+        from rigctl.calibrations.noise_calibration import noise_content
+
+        return noise_content(self.calibration, self.frames, created_ns=self.created_ns)
 
 
 def _require_folders(paths: Iterable[Path]) -> None:
@@ -269,7 +272,7 @@ def _with_black_level(
     return replace(frames, black_level_dn=level)
 
 
-def _defects_png(path: Path, calibration: "FrameCalibration") -> bytes:
+def _defects_png(path: Path, calibration: "NoiseCalibration") -> bytes:
     import cv2
 
     if calibration.pattern is None:

@@ -764,7 +764,7 @@ def named(found: Any) -> dict[str, Flag]:
 @pytest.mark.parametrize("used_c", [-10.0, -5.0])
 def test_the_darks_of_the_flats_temperature_are_used_and_the_others_named(tmp_path: Path, used_c: float) -> None:
     frames = folder_frames(write_set(tmp_path, flats_c=used_c, darks_c={-10.0: 2, -5.0: 2}), bit_depth=16)
-    found = calibrate_frames(frames).noise
+    found = calibrate_frames(frames)
     message = named(found)["dark_temperatures"].message
     assert "-10.0 C (20 frames) and -5.0 C (20 frames)" in message
     assert f"those at {used_c:.1f} C are used, nearest to the flats" in message

@@ -13,7 +13,8 @@ import pytest
 
 from calibration.sensor.curves import response_slope
 from calibration.sensor.emva1288 import EmvaFigure
-from rigctl.calibrations.noise_calibration import FrameCalibration, calibrate_frames
+from calibration.sensor.noise import NoiseCalibration
+from rigctl.calibrations.noise_calibration import calibrate_frames
 from rigctl.calibrations.noise_frames import emva_frames
 from rigctl.cli import main
 
@@ -36,7 +37,7 @@ EMVA1288_SATURATION_DN = 13_999.2 * 0.280351
 
 
 @cache
-def calibrated() -> FrameCalibration:
+def calibrated() -> NoiseCalibration:
     return calibrate_frames(emva_frames(DESCRIPTOR))
 
 
@@ -44,18 +45,18 @@ def calibrated() -> FrameCalibration:
 def test_gain(reference: float) -> None:
     # 3 % is what is promised. Theirs is a straight line, and the curve of this camera is bent by 4 %: its slope at no
     # signal is larger.
-    assert calibrated().noise.gain_dn_per_e.value == pytest.approx(reference, rel=0.03)
+    assert calibrated().gain_dn_per_e.value == pytest.approx(reference, rel=0.03)
 
 
 @pytest.mark.parametrize("reference", [EMVA1288_READ_NOISE_E, 10.92])
 def test_read_noise(reference: float) -> None:
-    found = calibrated().noise.read_noise_e
+    found = calibrated().read_noise_e
     assert found is not None
     assert found.value == pytest.approx(reference, rel=0.03)
 
 
 def test_read_noise_in_counts() -> None:
-    noise = calibrated().noise
+    noise = calibrated()
     assert noise.read_noise_e is not None
     # Without the gain both are the same dark variance, fitted with other weights: 25 pairs that scatter by 1 % in
     # variance, 0.1 % in the root of its mean; 4 sigma.
@@ -64,13 +65,13 @@ def test_read_noise_in_counts() -> None:
 
 
 def test_dark_current_is_within_its_error() -> None:
-    found = calibrated().noise.dark_current_e_per_s
+    found = calibrated().dark_current_e_per_s
     assert found is not None
     assert abs(found.value - EMVA1288_DARK_CURRENT_E_PER_S) < 3.0 * found.std_error
 
 
 def test_prnu_is_that_of_the_package_without_what_is_smooth() -> None:
-    noise = calibrated().noise
+    noise = calibrated()
     flat = noise.flats[noise.spatial[0]]
     assert noise.prnu is not None
     # The same frames; the temporal noise that is taken off, 28 of 100 DN^2, is here from differences of consecutive
@@ -84,14 +85,14 @@ def test_prnu_is_that_of_the_package_without_what_is_smooth() -> None:
 
 
 def test_dsnu_in_counts() -> None:
-    noise = calibrated().noise
+    noise = calibrated()
     assert noise.dsnu_e is not None
     error = noise.dsnu_e.std_error * noise.gain_dn_per_e.value
     assert abs(noise.dsnu_e.value * noise.gain_dn_per_e.value - EMVA1288_DSNU_DN) < 2.0 * error
 
 
 def test_saturation_is_between_its_level_and_the_next() -> None:
-    noise = calibrated().noise
+    noise = calibrated()
     assert noise.transfer.saturation is not None
     # Theirs is the signal of the level of largest variance, which the interval here begins at or below.
     interval = noise.transfer.saturation
@@ -99,7 +100,7 @@ def test_saturation_is_between_its_level_and_the_next() -> None:
 
 
 def test_what_is_odd_about_this_camera_is_said() -> None:
-    flags = {flag.name: flag for flag in calibrated().noise.flags}
+    flags = {flag.name: flag for flag in calibrated().flags}
     assert "all exposures are longer than stated by 0.0022 ms" in flags["exposure_offset"].message
     assert not any(flag.level for flag in flags.values())
     assert set(flags) == {
@@ -144,7 +145,7 @@ REFERENCE = {
 
 @cache
 def figures() -> dict[str, EmvaFigure | None]:
-    return calibrate_frames(emva_frames(DESCRIPTOR)).noise.emva1288
+    return calibrate_frames(emva_frames(DESCRIPTOR)).emva1288
 
 
 @pytest.mark.parametrize("name", REFERENCE)

@@ -46,7 +46,7 @@ def test_the_page_of_a_run_says_which_camera(tmp_path: Path) -> None:
 
 def test_numbers_are_shown_to_the_digits_of_their_errors(tmp_path: Path) -> None:
     content = json.loads(write(tmp_path).read_text())
-    noise = calibrate_frames(emva_frames(write_emva_set(tmp_path))).noise
+    noise = calibrate_frames(emva_frames(write_emva_set(tmp_path)))
     rows = {(row.title, row.unit): row for row in calibration_rows(noise)}
     gain = rows["gain", "DN/e-"]
     assert gain.symbol == "K"
@@ -61,7 +61,7 @@ def test_numbers_are_shown_to_the_digits_of_their_errors(tmp_path: Path) -> None
 def test_a_read_noise_that_is_a_bound_bounds_the_curve_of_the_signal_to_noise_ratio(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    noise = calibrate_frames(emva_frames(write_emva_set(tmp_path))).noise
+    noise = calibrate_frames(emva_frames(write_emva_set(tmp_path)))
     drawn: list[str] = []
     monkeypatch.setattr(
         "rigctl.report.noise.legend_beside",
