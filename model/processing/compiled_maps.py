@@ -126,18 +126,17 @@ def _fill_maps(
 fill_maps: Callable[..., None] = numba.njit(cache=True, nogil=True, fastmath=_FASTMATH, error_model="numpy")(_fill_maps)
 
 
-def _covariance_of(products: Float32Array, sigma: Float32Array, i: int) -> tuple[np.float32, ...]:
-    """Return the covariance of S0, S1, S2 (00, 11, 22, 01, 02, 12) from the deviations of the counts of a pixel."""
-    v00 = v11 = v22 = v01 = v02 = v12 = _ZERO
-    for k in range(sigma.shape[0]):
-        variance = sigma[k, i] * sigma[k, i]
-        v00 += products[0, k] * variance
-        v11 += products[1, k] * variance
-        v22 += products[2, k] * variance
-        v01 += products[3, k] * variance
-        v02 += products[4, k] * variance
-        v12 += products[5, k] * variance
-    return v00, v11, v22, v01, v02, v12
+def _covariance_of(products: Float32Array, sigma: tuple[np.float32, ...]) -> tuple[np.float32, ...]:
+    """Return the covariance of S0, S1, S2 (00, 11, 22, 01, 02, 12) from the deviations of four counts of a pixel."""
+    a, b, c, d = sigma[0] * sigma[0], sigma[1] * sigma[1], sigma[2] * sigma[2], sigma[3] * sigma[3]
+    return (
+        products[0, 0] * a + products[0, 1] * b + products[0, 2] * c + products[0, 3] * d,
+        products[1, 0] * a + products[1, 1] * b + products[1, 2] * c + products[1, 3] * d,
+        products[2, 0] * a + products[2, 1] * b + products[2, 2] * c + products[2, 3] * d,
+        products[3, 0] * a + products[3, 1] * b + products[3, 2] * c + products[3, 3] * d,
+        products[4, 0] * a + products[4, 1] * b + products[4, 2] * c + products[4, 3] * d,
+        products[5, 0] * a + products[5, 1] * b + products[5, 2] * c + products[5, 3] * d,
+    )
 
 
 def _deviations_of(
@@ -147,8 +146,9 @@ def _deviations_of(
     s0, s1, s2 = stokes
     v00, v11, v22, v01, v02, v12 = cov
     length = dolp * s0
-    cosine = s1 / length if length > _ZERO else _ONE
-    sine = s2 / length if length > _ZERO else _ZERO
+    # Divided first and chosen then: a division that depends on a condition is not vectorised.
+    cosine, sine = s1 / length, s2 / length
+    cosine, sine = cosine if length > _ZERO else _ONE, sine if length > _ZERO else _ZERO
     mixed = _TWO * v12 * cosine * sine
     along = v11 * cosine * cosine + v22 * sine * sine + mixed
     across = v11 * sine * sine + v22 * cosine * cosine - mixed
@@ -167,19 +167,20 @@ def _fill_deviations(
     stokes: tuple[Float32Array, ...],
     dolp: Float32Array,
     products: Float32Array,
-    sigma: Float32Array,
+    sigma: tuple[Float32Array, ...],
     filled: tuple[Float32Array, ...],
 ) -> None:
-    """Fill the deviations of DoLP and AoLP; those of the counts are (N, P), or (N, 1) for all pixels."""
+    """Fill the deviations of DoLP and AoLP from those of four counts, each (P,), or (1,) for all pixels."""
     s0, s1, s2 = stokes
     dolp_std, angle_std = filled
-    cov = _covariance(products, sigma, 0)
-    if sigma.shape[1] == 1:
+    first, second, third, fourth = sigma
+    cov = _covariance(products, (first[0], second[0], third[0], fourth[0]))
+    if first.size == 1:
         for i in range(dolp.size):
             dolp_std[i], angle_std[i] = _deviations((s0[i], s1[i], s2[i]), dolp[i], cov)
     else:
         for i in range(dolp.size):
-            cov = _covariance(products, sigma, i)
+            cov = _covariance(products, (first[i], second[i], third[i], fourth[i]))
             dolp_std[i], angle_std[i] = _deviations((s0[i], s1[i], s2[i]), dolp[i], cov)
 
 
