@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from model.effects.planner import EFFECTS
-from rigctl.base.numbers import NOTHING, change_text, percent, size
+from rigctl.base.numbers import NOTHING, size
 from rigctl.report.table import Column, Table
 from rigctl.scene.effects import statement_of
 
@@ -95,23 +95,9 @@ KINDS = {"ratios": "DoLP", "radiance": "counts", "deviations": "noise", "detecti
 
 
 def unstated_line(plan: EffectPlan) -> str:
-    """Return in one line which effects nobody stated though they usually change more than is allowed; "" for none."""
-    tolerance = plan.tolerance
-    named = [
-        f"{one.effect} ({_kinds(one.change, tolerance)}; {statement_of(one.effect).words})"
-        for one in plan.unstated_above(tolerance)
-    ]
-    return f"not stated, and usually above {tolerance:.2g}: {', '.join(named)}" if named else ""
-
-
-def _kinds(found: Bound, tolerance: float) -> str:
-    sizes = ((kind, getattr(found, kind)) for kind in KINDS)
-    return ", ".join(f"{KINDS[kind]} {_in_unit(kind, value)}" for kind, value in sizes if value > tolerance)
-
-
-def _in_unit(kind: str, value: float) -> str:
-    is_relative = kind in ("radiance", "deviations") and math.isfinite(value)
-    return percent(value) if is_relative else change_text(value)
+    """Return in one line which effects are not stated though they usually change more than is allowed; "" for none."""
+    named = ", ".join(one.effect for one in plan.unstated_above(plan.tolerance))
+    return f"not stated, and usually above {plan.tolerance:.2g}: {named}" if named else ""
 
 
 def left_out_line(plan: EffectPlan) -> str:

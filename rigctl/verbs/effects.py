@@ -132,13 +132,13 @@ class EffectsResult(Result):
         if asked:
             text += f"; {asked} left out by request"
         if others and spent.largest == 0.0:
-            text += f"; the other {others} change nothing"
+            text += f"; {others} change{'s' * (others == 1)} nothing here"
         elif others:
-            text += f"; the other {others} together change DoLP by at most {change_text(spent.ratios)}"
+            text += f"; {others} left out, which together change DoLP by at most {change_text(spent.ratios)}"
             if spent.largest > spent.ratios:
                 text += f" and no number by more than {change_text(spent.largest)}"
             text += f" (allowed: {self.plan.tolerance:.2g})"
-        return f"{text}; {count['not stated']} are not stated." if count["not stated"] else f"{text}."
+        return f"{text}; {count['not stated']} not stated." if count["not stated"] else f"{text}."
 
     def _rows(self) -> "tuple[Row, ...]":
         found = {} if self.checked is None else {one.effect: one for one in self.checked.checked}

@@ -295,7 +295,8 @@ class Prediction(Result):
 
             yield accuracy_table(self.accuracy)
             yield from (*accuracy_lines(self.accuracy), left_out_line(self.effects))
-            yield from filter(None, [unstated_line(self.effects)])
+            if unstated := unstated_line(self.effects):
+                yield f"{unstated} (rigctl effects: by how much)"
         yield from (*self.scene_remarks, *self.warnings)
         if self.uncertainty is not None:
             from rigctl.report.prediction import correlation_lines

@@ -41,7 +41,7 @@ def test_table_is_printed_for_people(capsys):
     assert main(["effects", str(LAMP)]) == 0
     text = capsys.readouterr().out
     first, *table = text.splitlines()
-    assert re.match(r"\d+ of 17 effects act; the other \d+ together change DoLP by at most \S+", first)
+    assert re.match(r"\d+ of 17 effects act; \d+ left out, which together change DoLP by at most \S+", first)
     assert "(allowed: 0.005)" in first
     rows = [line for line in table if line.startswith(tuple(effect.value for effect in Effect))]
     assert len(rows) == len(Effect)
