@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +27,7 @@ from rigctl.calibrations.made_for import MeasuredOverFrames
 from rigctl.comparison.checks import ADVICE, VERDICT_WORDS, not_judged, refusals, reservations, said_of, unjudged_lines
 from rigctl.comparison.compare import ALLOWED_SHARE
 from rigctl.comparison.rows import FAULTS, error_of_both, off_prediction
+from rigctl.console.anonymity import is_anonymous
 from rigctl.files.scene_file import NoiseSection
 from rigctl.measure.faults import UNSEEN
 from rigctl.prediction.predict import NO_NOISE
@@ -79,6 +80,7 @@ if TYPE_CHECKING:
 
 # Smaller errors are rounding.
 _ROUNDING = 1e-12
+_LARGEST_SCORE = 10.0
 Budgets = Mapping[str, "RegionBudget"]  # by region
 _VERDICTS = {True: "agrees", False: "DISAGREES", None: "no test"}
 _TREND_WORDS = {True: "predicted", False: "NOT predicted", None: "not known"}
@@ -94,6 +96,13 @@ def measured_text(row: Row) -> str:
     return _undefined(row, row.std_error) or to_digits(row.measured, error_of_both(row))
 
 
+def score_text(row: Row) -> str:
+    """Return the score of a row; beyond 10 its size rests on tails of laws that nobody knows."""
+    if row.z is None:
+        return NOTHING
+    return f"{row.z:+z.1f}" if abs(row.z) <= _LARGEST_SCORE else "> 10" if row.z > 0.0 else "< -10"
+
+
 def _undefined(row: Row, std_error: float | None) -> str:
     """Return the word for an AoLP that may be any angle; nothing for other numbers."""
     if (row.quantity, row.statistic) != ("aolp_deg", "mean") or std_error is None:
@@ -101,52 +110,38 @@ def _undefined(row: Row, std_error: float | None) -> str:
     return "" if aolp_is_defined(np.radians(std_error)) else "undefined"
 
 
-def _with_error(row: Row, value: float, std_error: float | None) -> str:
-    """Return a number with its own standard error, both to two digits of that error."""
-    if undefined := _undefined(row, std_error):
-        return undefined
-    if not std_error or std_error < _ROUNDING:
-        return f"{to_digits(value, error_of_both(row))}\N{NO-BREAK SPACE}± 0"
+def _with_error(text: str, std_error: float | None, value: float) -> str:
+    """Return a number with its own standard error, both to two digits of that error; as it is without one."""
+    if text == "undefined" or not std_error or std_error < _ROUNDING:
+        return text
     return f"{to_digits(value, std_error)}\N{NO-BREAK SPACE}± {to_digits(std_error, std_error)}"
 
 
-def _with_region(row: Row) -> str:
-    return f"{row.region}: {row.quantity}"
+def _detectable(row: Row) -> str:
+    return NOTHING if row.smallest_difference_90 is None else f"{row.smallest_difference_90:.2g}"
 
 
-def _two_digits(number: float | None) -> str:
-    if number is None:
-        return NOTHING
-    return f"{number:.2g}" if abs(number) > _ROUNDING else "0"
-
-
-# Keys are those of `Row`. A page has a table for each region and both scores; the terminal is narrow.
+# Keys are those of `Row`. A page has a table for each region; the terminal is narrow.
 ROW_COLUMNS: tuple[Column[Row], ...] = (
     Column(title="region", key="region", left=True, shown=Shown.TERMINAL | Shown.PROGRAMS),
     Column(title="quantity", key="quantity", left=True),
     Column(title="statistic", key="statistic", left=True),
-    Column(title="predicted", key="predicted", text=predicted_text),
-    Column(title="measured", key="measured", text=measured_text),
     Column(
-        title="error, measured",
-        key="std_error",
-        text=lambda row: _two_digits(row.std_error),
-        shown=Shown.PAGE | Shown.PROGRAMS,
+        title="predicted",
+        key="predicted",
+        text=lambda row: _with_error(predicted_text(row), row.std_error_inputs, row.predicted),
+        brief=predicted_text,
     ),
     Column(
-        title="error, inputs",
-        key="std_error_inputs",
-        text=lambda row: _two_digits(row.std_error_inputs),
-        shown=Shown.PAGE | Shown.PROGRAMS,
+        title="measured",
+        key="measured",
+        text=lambda row: _with_error(measured_text(row), row.std_error, row.measured),
+        brief=measured_text,
     ),
-    Column(
-        title="z, measured",
-        key="z_measurement",
-        text=lambda row: signed(row.z_measurement),
-        shown=Shown.PAGE | Shown.PROGRAMS,
-    ),
-    Column(title="z, both", key="z", text=lambda row: signed(row.z), shown=Shown.PAGE | Shown.PROGRAMS),
-    Column(title="z", text=lambda row: "" if row.z is None else f"{row.z:+.1f}", shown=Shown.TERMINAL),
+    Column(key="std_error", shown=Shown.PROGRAMS),
+    Column(key="std_error_inputs", shown=Shown.PROGRAMS),
+    Column(key="z_measurement", shown=Shown.PROGRAMS),
+    Column(title="z", key="z", text=score_text),
     Column(
         title="verdict",
         key="agrees",
@@ -154,30 +149,25 @@ ROW_COLUMNS: tuple[Column[Row], ...] = (
         left=True,
         shown=Shown.PAGE | Shown.PROGRAMS,
     ),
-    Column(
-        title="seen at 90 %",
-        key="smallest_difference_90",
-        text=lambda row: _two_digits(row.smallest_difference_90),
-        shown=Shown.PAGE | Shown.PROGRAMS,
-    ),
+    Column(title="detectable", key="smallest_difference_90", text=_detectable, shown=Shown.PAGE | Shown.PROGRAMS),
 )
+_BY_KEY = {column.key: column for column in ROW_COLUMNS}
 
 
 def row_table(rows: Iterable[Row]) -> Table[Row]:
-    """Return rows with both errors, both scores and the verdict."""
+    """Return rows with errors, score and verdict."""
     return Table(columns=ROW_COLUMNS, rows=tuple(rows), is_off=_disagrees)
 
 
 def mixed_row_table(rows: Iterable[Row]) -> Table[Row]:
     """Return rows of several regions for a page, each with its region."""
-    columns = tuple(
-        replace(column, text=_with_region) if column.key == "quantity" else column for column in ROW_COLUMNS
-    )
+    number = Column[Row](title="number", text=lambda row: f"{row.region}: {row.quantity}", left=True)
+    columns = (number, *(_BY_KEY[key] for key in ("statistic", "measured", "predicted", "z")))
     return Table(columns=columns, rows=tuple(rows), is_off=_disagrees)
 
 
 def numbers_columns() -> tuple[Column[Row], ...]:
-    """Return the columns beside those that name the number."""
+    """Return the columns next to those that name the number."""
     return tuple(column for column in ROW_COLUMNS if column.key not in ("region", "quantity", "statistic"))
 
 
@@ -203,14 +193,7 @@ def summary_table(comparison: Comparison) -> Table[Row]:
     columns: tuple[Column[Row], ...] = (
         Column(title="region", text=lambda row: row.region if first[row.region] == row.quantity else "", left=True),
         Column(title="quantity", text=lambda row: _SUMMARY[row.quantity].format(unit=unit), left=True),
-        Column(title="measured", text=lambda row: _with_error(row, row.measured, row.std_error)),
-        Column(title="predicted", text=lambda row: _with_error(row, row.predicted, row.std_error_inputs)),
-        Column(
-            title="z",
-            text=lambda row: (
-                NOTHING if row.z is None else f"{row.z:+.1f}".replace("-0.0", "0.0").replace("+0.0", "0.0")
-            ),
-        ),
+        *(_BY_KEY[key] for key in ("measured", "predicted", "z")),
     )
     return Table(columns=columns, rows=tuple(rows), is_off=_disagrees)
 
@@ -614,7 +597,7 @@ def comparison_report(comparison: Comparison) -> Report:
     measurement = comparison.measurement
     simulated = measurement.run.session.origin == "simulated"
     return Report(
-        title=f"Measurement versus model: {measurement.run.path.name}",
+        title=f"Measurement versus model: {_run_name(measurement)}",
         source=_SIMULATED if simulated else "",
         verdict=Verdict(good=comparison.agrees is True, text=_headline(comparison)),
         sections=[
@@ -638,6 +621,11 @@ def comparison_report(comparison: Comparison) -> Report:
             *_sources(comparison),
         ],
     )
+
+
+def _run_name(measurement: Measurement) -> str:
+    """Return the run's folder with the one above it, for many runs are called just "run"."""
+    return "/".join(measurement.run.path.absolute().parts[-1 if is_anonymous() else -2 :])
 
 
 def _headline(comparison: Comparison) -> str:
@@ -711,17 +699,16 @@ def _reasons(comparison: Comparison) -> Iterable[str]:
         f"{comparison.alpha:g}: if all agree in truth, the chance that any one is called a disagreement is at most "
         f"{comparison.alpha:g}."
     )
-    for cause in comparison.points_to:
-        yield f"The disagreements point to {cause}: {ADVICE[cause]}"
+    yield from (ADVICE[cause] for cause in comparison.points_to)
     yield from (f"{title[:1].upper()}{title[1:]}: {text}" for title, text in said_of(comparison.checks, "flagged"))
 
 
 def _summary(comparison: Comparison) -> Section:
     regions = comparison.measurement.regions
     note = (
-        "Means of the regions ± standard errors: of the measurement, and of the prediction by its inputs (0: they are "
-        "stated as exact). z: the difference in standard errors, brought closer to 0 where the error "
-        "itself comes from few repeats. Pixels: "
+        "Means of the regions ± standard errors. A prediction without ± rests on inputs that are stated as exact. z: "
+        "the difference over the errors of both sides, as a normal score; where polarization is weak, that of DoLP is "
+        "of S1 and S2 together, and AoLP has none. Pixels: "
         f"{', '.join(f'{name} {region.pixels}' for name, region in regions.items())}."
     )
     return Section(title="", blocks=(summary_table(comparison), Paragraph(text=note)))
@@ -753,12 +740,9 @@ def _disagreements(comparison: Comparison) -> Iterable[Section]:
 
 
 def _attributed(comparison: Comparison) -> Iterable[Section]:
-    """Yield what would explain the residuals: the size of the likeliest cause first, folded where all agrees."""
-    cause, attribution = likeliest_cause(comparison), comparison.attribution
-    blocks: tuple[Block, ...] = (Paragraph(text=f"{cause[:1].upper()}{cause[1:]}."),) if cause else ()
+    """Yield which inputs would explain the residuals; folded where all agrees, or where the verdict names a cause."""
+    attribution = comparison.attribution
     if attribution is None:
-        if blocks:
-            yield Section(title="What would explain the residuals", blocks=blocks)
         return
     method = Paragraph(
         text=f"{attribution.remark[:1].upper()}{attribution.remark[1:]}. Chi-square of the residuals: "
@@ -778,13 +762,9 @@ def _attributed(comparison: Comparison) -> Iterable[Section]:
         "held by its stated uncertainty. Not for a comparison with the run that they were fitted to."
     )
     details += (fitted, fitted_table(attribution))
-    if not comparison.disagreements:
-        yield Section(title="What would explain the residuals", blocks=details, folded=True, printed=False)
-    elif not blocks or (attribution.best is not None and attribution.best.removes):
-        yield Section(title="What would explain the residuals", blocks=(*blocks, *details))
-    else:
-        yield Section(title="What would explain the residuals", blocks=blocks)
-        yield Section(title="Stated inputs, each moved alone", blocks=details, folded=True, printed=False)
+    explains = attribution.best is not None and attribution.best.removes
+    is_open = bool(comparison.disagreements) and (explains or not likeliest_cause(comparison))
+    yield Section(title="What would explain the residuals", blocks=details, folded=not is_open, printed=is_open)
 
 
 def _both_sides_section(comparison: Comparison, measurement: Measurement) -> Iterable[Section]:
@@ -888,8 +868,9 @@ def _numbers(comparison: Comparison, measurement: Measurement) -> Iterable[Secti
         blocks=(
             Paragraph(
                 text=f"Counts and Stokes parameters in {measurement.grid.unit}, dark level taken off. ratio_ANGLE: "
-                f"counts behind an angle over the mean of all. Deviations: {meanings}. Rows without a verdict are no "
-                "tests: their prediction was made from this very number."
+                f"counts behind an angle over the mean of all. Deviations: {meanings}. Detectable: the smallest "
+                "difference that the test finds with a probability of 90 %. Rows without a verdict are no tests: their "
+                "prediction was made from this very number."
             ),
         ),
     )

@@ -76,7 +76,7 @@ def _with_error(row: tuple[str, Statistics], statistic: str) -> str:
     # An interval that reaches 0 is not one of equal errors to either side.
     if error is not None and statistics.get(f"{statistic}_95_low") == 0.0:
         return f"< {to_digits(statistics[f'{statistic}_95_high'], error)} (95 %)"
-    return f"{value:.6g}" if error is None else with_error(quantity, value, error)
+    return with_error(quantity, value, error) if error else f"{value:.6g}"
 
 
 def with_error(quantity: str, value: float, error: float) -> str:

@@ -20,6 +20,7 @@ from rigctl.report.comparison import (
     measured_text,
     predicted_text,
     row_table,
+    score_text,
     trend_table,
     write_comparison,
 )
@@ -92,7 +93,7 @@ def mean_table(comparisons: Sequence[Comparison]) -> Table[RowOfRun]:
         Column(title="predicted", text=lambda one: predicted_text(one[1])),
         Column(title="measured", text=lambda one: measured_text(one[1])),
         Column(title="error", text=lambda one: f"{error_of_both(one[1]):.1e}"),
-        Column(title="z, both", text=lambda one: signed(one[1].z)),
+        Column(title="z", text=lambda one: score_text(one[1])),
     )
     rows = tuple(
         (comparison, row)

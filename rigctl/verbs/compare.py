@@ -186,7 +186,7 @@ class ComparisonResult(Result):
         yield _verdict(found)
         off = sorted(found.disagreements, key=lambda row: -abs(row.z or 0.0))
         if found.agrees is False:
-            yield from (f"Points to {cause}: {ADVICE[cause]}" for cause in found.points_to)
+            yield from (ADVICE[cause] for cause in found.points_to)
             yield row_table(off[:_SHOWN])
             if found.attribution is not None:
                 yield f"Likely cause among the inputs: {found.attribution.remark}"

@@ -80,7 +80,7 @@ def test_demo_does_the_whole_job_and_both_sides_agree(tmp_path):
 def test_a_perturbed_demo_disagrees_with_exit_code_5(in_process, small_demo):
     result = in_process("demo", "--out", "demo", "--perturb", "extinction")
     assert result.returncode == 5, result.stderr
-    assert "Points to polarization" in result.stdout
+    assert "The degree of polarization is off" in result.stdout
 
 
 def test_demo_does_not_write_over_a_folder(tmp_path):

@@ -154,12 +154,14 @@ def test_programs_read_every_field_of_a_row_in_its_order(row):
 
 def test_people_read_numbers_to_the_digits_of_their_error():
     (texts,) = row_table([ROW]).texts(Shown.PAGE)
-    assert texts == ("dolp", "mean", "0.1235", "0.2000", "0.0012", "0.0005", "+63.80", "+58.90", "DISAGREES", "0.004")
+    assert texts == ("dolp", "mean", "0.12346 ± 0.00050", "0.2000 ± 0.0012", "> 10", "DISAGREES", "0.004")
     (texts,) = row_table([ROW]).texts(Shown.TERMINAL)
-    assert texts == ("road", "dolp", "mean", "0.1235", "0.2000", "+58.9")
+    assert texts == ("road", "dolp", "mean", "0.1235", "0.2000", "> 10")
     assert mixed_row_table([ROW]).texts()[0][0] == "road: dolp"
     (texts,) = row_table([UNTESTED]).texts(Shown.PAGE)
-    assert texts[4:] == ("–", "–", "–", "–", "no test", "–")
+    assert texts[2:] == ("10", "11", "–", "no test", "–")
+    (texts,) = row_table([replace(ROW, std_error_inputs=0.0, z=-0.01)]).texts(Shown.PAGE)
+    assert texts[2:5] == ("0.1235", "0.2000 ± 0.0012", "+0.0")
 
 
 def test_an_angle_that_may_be_any_is_undefined_to_people_and_a_number_to_programs():
