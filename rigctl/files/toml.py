@@ -197,10 +197,28 @@ def _models_of(annotation: Any) -> Iterator[type[BaseModel]]:
         yield from _models_of(inner)
 
 
+def _make_numbers_strict(schema: Any) -> None:
+    if isinstance(schema, dict):
+        if schema.get("type") in ("float", "int"):
+            schema["strict"] = True
+        for part in schema.values():
+            _make_numbers_strict(part)
+    elif isinstance(schema, list | tuple):
+        for part in schema:
+            _make_numbers_strict(part)
+
+
 class Section(BaseModel):
     """A table of a file: unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Return the schema of the table with numbers taken strictly: one in quotes is text."""
+        schema = handler(source)
+        _make_numbers_strict(schema)
+        return schema
 
 
 class Uncertain(Section):

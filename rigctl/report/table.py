@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Flag, auto
 from itertools import groupby
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Generic, TypeVar
 
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table as TerminalTable
@@ -109,18 +109,19 @@ class Table(Generic[RowT]):
         """Show the table, or each row as a list of its columns where numbers would have to break."""
         columns = self.shown(Shown.TERMINAL)
         rows = [[_NO_NUMBERS.get(text, text) for text in row] for row in self.texts(Shown.TERMINAL)]
-        needed = sum(_narrowest(column, [row[k] for row in rows]) for k, column in enumerate(columns))
-        if needed + _BETWEEN_COLUMNS * (len(columns) - 1) <= options.max_width:
-            yield self._upright(columns, rows)
-        else:
-            yield self._turned(columns, rows)
+        least = [_narrowest(column, [row[k] for row in rows]) for k, column in enumerate(columns)]
+        room = options.max_width - _BETWEEN_COLUMNS * (len(columns) - 1)
+        yield self._upright(columns, rows, least, room) if sum(least) <= room else self._turned(columns, rows)
 
-    def _upright(self, columns: tuple[Column[Any], ...], rows: list[list[str]]) -> TerminalTable:
+    def _upright(
+        self, columns: tuple[Column[Any], ...], rows: list[list[str]], least: list[int], room: int
+    ) -> TerminalTable:
         shown = self._empty()
-        for k, column in enumerate(columns):
-            least = _narrowest(column, [row[k] for row in rows])
-            justify: Literal["left", "right"] = "left" if column.left else "right"
-            shown.add_column(column.title, justify=justify, no_wrap=column.unbroken, min_width=least)
+        widths = [max(map(len, (column.title, *(row[k] for row in rows)))) for k, column in enumerate(columns)]
+        while sum(widths) > room:  # the widest column that can break gives way
+            widths[max((k for k, width in enumerate(widths) if width > least[k]), key=widths.__getitem__)] -= 1
+        for column, width in zip(columns, widths, strict=True):
+            shown.add_column(column.title, justify="left" if column.left else "right", width=width)
         for row in rows:
             shown.add_row(*row)
         return shown

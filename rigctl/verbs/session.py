@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from cyclopts import Parameter
 
-from rigctl.base.numbers import time_option
+from rigctl.base.numbers import percent, time_option
 from rigctl.console import Json, note, warn
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.choices import RoofChange
@@ -101,7 +101,7 @@ def plan(
         if doubt is not None:
             warn(doubt)
     for remark in planned.remarks:
-        note(remark)
+        note(remark, below=True)
     if scene is None:
         return PlannedSession(plan=planned, all_steps=all_steps)
     from rigctl.calibrations.noise import read_noise_file
@@ -411,7 +411,7 @@ class PlannedSession(Result):
             yield _table(rounds if self.all_steps else rounds[:_MOST_ROUNDS], ("round", "utc", *sun))
             if len(rounds) > _MOST_ROUNDS and not self.all_steps:
                 yield f"... and {len(rounds) - _MOST_ROUNDS} rounds more; `rigctl plan --all` prints all"
-        yield from map(_prediction_line, self.predictions or ())
+        yield from self._predicted()
         shown = steps if self.all_steps else steps[:_MOST_STEPS]
         yield _table(shown, ("sequence", "round", "time", *sun, "kind", "cycle", "angle_deg", "exposure_ms"))
         if len(shown) < len(steps):
@@ -419,6 +419,34 @@ class PlannedSession(Result):
         yield "angles are in degrees, exposures in ms"
         if sun:
             yield "zenith and azimuth are the sun's, phi is its azimuth less the camera's"
+
+    def _predicted(self) -> Iterable[Part]:
+        """Yield which predictions saturate, the first of them as a table, and why some are missing."""
+        from model.quantities import angle_of
+
+        rows: list[Mapping[str, Any]] = [row for row in self.predictions or () if "problem" not in row]
+        if rows:
+            full = [row for row in rows if row["saturated_fraction"] > _MOST_SATURATED]
+            names = ", ".join(dict.fromkeys(str(row["region"]) for row in full))
+            yield f"predicted: {len(full)} of {len(rows)} signals saturate{f' ({names})' if names else ''}"
+            columns = (
+                Column[Mapping[str, Any]](title="round", text=lambda row: str(row["round"])),
+                Column(title="exposure", text=lambda row: f"{row['exposure_ms']:.3g}"),
+                Column(title="region", text=lambda row: row["region"], left=True),
+                *(
+                    Column(title=f"{angle_of(name)} deg", text=partial(_count, name=name))
+                    for name in rows[0]["mean_dn"]
+                ),
+                Column(title="saturated", text=lambda row: percent(row["saturated_fraction"])),
+                Column(title="DoLP SNR", text=_snr),
+            )
+            shown = rows if self.all_steps else rows[:_MOST_STEPS]
+            yield Table(title="counts above black [DN]", columns=columns, rows=tuple(shown))
+            if len(shown) < len(rows):
+                yield f"... and {len(rows) - len(shown)} signals more; `rigctl plan --all` prints all"
+        for row in self.predictions or ():
+            if "problem" in row:
+                yield f"round {row['round']}: {row['problem']}"
 
     def as_json(self) -> dict[str, Json]:
         """Return the plan, and with a scene the predictions."""
@@ -470,13 +498,11 @@ def _cell(row: Mapping[str, Json], name: str) -> str:
     return str(value)[:_UTC_DIGITS]
 
 
-def _prediction_line(row: Mapping[str, Any]) -> str:
-    from model.quantities import angle_of
+def _count(row: Mapping[str, Any], name: str) -> str:
+    return f"{row['mean_dn'][name]:.0f}"
 
-    where = f"round {row['round']}, {row['exposure_ms']:.3g} ms, {row['region']}"
-    if "problem" in row:
-        return f"{where}: {row['problem']}"
-    counts = ", ".join(f"{angle_of(name)} deg {mean:.0f}" for name, mean in row["mean_dn"].items())
-    saturated, snr = row["saturated_fraction"], "not known" if row["dolp_snr"] is None else f"{row['dolp_snr']:.3g}"
-    snr = snr if saturated <= _MOST_SATURATED else "none, since it saturates"
-    return f"{where}: counts above black [DN] {counts}; saturated {100 * saturated:.1f} %; DoLP SNR {snr}"
+
+def _snr(row: Mapping[str, Any]) -> str:
+    if row["saturated_fraction"] > _MOST_SATURATED:
+        return "none"
+    return "not known" if row["dolp_snr"] is None else f"{row['dolp_snr']:.3g}"

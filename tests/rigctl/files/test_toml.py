@@ -81,9 +81,11 @@ class Exposed(Section):
     [
         ("-3", "exposure_ms: must be above 0, or 'auto', or a list (found -3)"),
         ("[1, -2]", "second of exposure_ms: must be above 0 (found -2)"),
+        ("'0.03'", "exposure_ms: must be a number, or 'auto', or a list (found '0.03')"),
+        ("['2']", "first of exposure_ms: must be a number (found '2')"),
     ],
 )
-def test_a_value_of_several_kinds_is_one_problem_with_its_own_key(tmp_path, text, said):
+def test_a_value_of_several_kinds_is_one_problem_with_its_own_key_and_a_number_in_quotes_is_text(tmp_path, text, said):
     with pytest.raises(ConfigError) as caught:
         load(_written(tmp_path, f"exposure_ms = {text}"), Exposed)
     assert str(caught.value).splitlines()[1:] == [f"  {said}"]

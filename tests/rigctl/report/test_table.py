@@ -165,6 +165,16 @@ def test_a_table_whose_numbers_would_break_is_turned():
     assert max(map(len, turned)) <= 20
 
 
+def test_a_table_one_letter_too_wide_breaks_between_words_and_loses_nothing():
+    columns = text_columns("region of pixels", "two words", left=(0,))
+    text = terminal_text(Table(columns=columns, rows=(("the_widest_of_all", "12345"),)), width=27)
+    assert [line.split() for line in text.splitlines()] == [
+        ["two"],
+        ["region", "of", "pixels", "words"],
+        ["the_widest_of_all", "12345"],
+    ]
+
+
 def test_raw_json_stands_on_the_page_and_on_no_paper(monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1790000000")
     words = Section(title="Words", blocks=(Paragraph(text="a"),))
