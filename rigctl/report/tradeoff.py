@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from string import ascii_lowercase
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,15 +23,13 @@ from rigctl.report.table import Column, Table, text_columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.transforms import Bbox
 
     from model.accuracy.chain import Reading
     from model.accuracy.predict import Predicted, Predictions
     from model.acquisition import DolpBudget
     from rigctl.console import Json
     from rigctl.prediction.sessions import AcquisitionTradeoff
-    from rigctl.prediction.tradeoff import CurvePoint, Curves, DigitPoint, NamedChoice
+    from rigctl.prediction.tradeoff import CurvePoint, Curves, NamedChoice
 
 
 _PERCENT = 100.0
@@ -479,97 +476,6 @@ def _error_text(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.2g}"
 
 
-# From a point to its name, and the sides, in the order in which they are tried [points].
-_RINGS = (6.0, 16.0, 28.0, 42.0, 58.0, 76.0, 96.0)
-_SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1), (0, 1), (0, -1))
-# A name that is farther has a line to its point.
-_NEAR = 10.0
-_MARKER_PX = 5.0
-# Text that lies on lines stays readable.
-_ON_LINES = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
-
-
-@dataclass(frozen=True, kw_only=True)
-class PointName:
-    """A name, the place of its point in the units of the axes, and whether it is bold."""
-
-    text: str
-    x: float
-    y: float
-    is_bold: bool = False
-
-
-def name_points(figure: Figure, axis: Axes, names: Sequence[PointName], *, fontsize: float = 8.0) -> None:
-    """Write names beside their points, each as near as there is room for it.
-
-    Lines, limits and scales of the axes and their place in the figure must be as they are drawn.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    axis.set_xlim(axis.get_xlim())
-    axis.set_ylim(axis.get_ylim())
-    canvas: Any = FigureCanvasAgg(figure)
-    renderer = canvas.get_renderer()
-    taken = [_marker(point) for line in axis.lines for point in axis.transData.transform(line.get_xydata())]
-    pixels = figure.dpi / 72.0
-    for name in names:
-        weight = "bold" if name.is_bold else "normal"
-        text = axis.text(name.x, name.y, name.text, fontsize=fontsize, fontweight=weight)
-        size = text.get_window_extent(renderer)
-        text.remove()
-        place = axis.transData.transform((name.x, name.y))
-        ring, box = _free(place, (size.width, size.height), taken, axis.bbox, pixels)
-        taken.append(box)
-        axis.annotate(
-            name.text,
-            (name.x, name.y),
-            xytext=tuple((box.p0 - place) / pixels),
-            textcoords="offset points",
-            fontsize=fontsize,
-            fontweight=weight,
-            bbox=_ON_LINES,
-            zorder=5,
-            arrowprops={"arrowstyle": "-", "color": "0.4", "linewidth": 0.6} if ring > _NEAR else None,
-        )
-
-
-def _free(
-    place: np.ndarray, size: tuple[float, float], taken: Sequence[Bbox], inside: Bbox, pixels: float
-) -> tuple[float, Bbox]:
-    """Nearest place for a box of some size that hides nothing; where there is none, the one that hides least."""
-    from matplotlib.transforms import Bbox
-
-    tried = []
-    for ring, side in product(_RINGS, _SIDES):
-        left, bottom = (_start(way, ring * pixels, length) for way, length in zip(side, size, strict=True))
-        box = Bbox.from_bounds(place[0] + left, place[1] + bottom, *size)
-        hidden = sum(_common(box, other) for other in taken) + size[0] * size[1] - _common(box, inside)
-        tried.append((round(hidden), ring, box))
-        if tried[-1][0] <= 0:
-            break
-    _, ring, box = min(tried, key=lambda one: one[0])
-    return ring, box
-
-
-def _start(way: int, ring: float, length: float) -> float:
-    """Where a name begins along one axis, from its point: after it, before it, or centred on it."""
-    return (-0.5 * length, ring, -ring - length)[way]
-
-
-def _common(one: Bbox, other: Bbox) -> float:
-    """Area that two boxes have in common."""
-    from matplotlib.transforms import Bbox
-
-    found = Bbox.intersection(one, other)
-    return 0.0 if found is None else float(found.width * found.height)
-
-
-def _marker(point: np.ndarray) -> Bbox:
-    from matplotlib.transforms import Bbox
-
-    return Bbox.from_bounds(point[0] - _MARKER_PX, point[1] - _MARKER_PX, 2.0 * _MARKER_PX, 2.0 * _MARKER_PX)
-
-
 # Told apart in black and white too.
 _MARKERS = "osD^vP*X"
 _HATCHES = ("", "//", "..", "xx", "\\\\")
@@ -578,25 +484,21 @@ _LINES = {"cycles": "-", "palindrome": "--", "grouped": ":"}
 _BETTER = "the lower and the further left, the better"
 # Times span this factor at the least, so that some of them are labelled.
 _WIDTH = 6.0
-# Tolerances whose times lie nearer than this share of the largest are named together.
-_APART = 0.04
 
 
 def curve_png(curves: Curves, *, worth: Predicted) -> bytes:
-    """Return error against time of tolerances and of the paper's choices, with the tolerance that is worth having."""
-    figure, axes = placed_axes(1, 1, size=(8.5, 6.8), margins=(0.9, 0.2, 1.6, 0.5))
+    """Return error against time of tolerances and of fixed choices, with the tolerance that is worth having."""
+    figure, axes = placed_axes(1, 1, size=(10.5, 5.6), margins=(0.9, 3.9, 0.6, 0.5))
     chain = [point for point in curves.points if point.varied == WHOLE_CHAIN]
     _draw_chain(axes[0], chain)
-    _draw_named(axes[0], curves.named)
+    _draw_named(axes[0], curves)
     _draw_floor(axes[0], curves)
     best = next(point for point in chain if point.level == f"tolerance {worth.tolerance:g}")
     if math.isfinite(_shown(best.true)):
         axes[0].plot(best.seconds, best.true, "o", ms=18, mfc="none", mec=_COLOURS[1], mew=2.0, label="worth having")
     _finish_errors_of(axes[0], f"what accuracy costs: {_BETTER}")
-    name_points(figure, axes[0], [*_tolerance_names(chain), *_choice_names(curves)])
-    _say_without_error(figure, curves.named, chain)
     _say_if_empty(axes[0])
-    legend_below(axes[0], columns=2)
+    legend_beside(axes[0])
     return png(figure)
 
 
@@ -617,75 +519,6 @@ def stages_png(curves: Curves) -> bytes:
     return png(figure)
 
 
-def digits_png(curves: Curves) -> bytes:
-    """Return the time that each correct digit takes, a line for each kind of number: 2 digits are an error of 0.01."""
-    figure, axes = subplots(1, 1, size=(8.0, 5.0))
-    axis = axes[0]
-    for place, quantity in enumerate(dict.fromkeys(point.quantity for point in curves.digits)):
-        points = _paying([point for point in curves.digits if point.quantity == quantity and point.error > 0.0])
-        if not points:
-            continue
-        axis.plot(
-            [-math.log10(point.error) for point in points],
-            [point.seconds for point in points],
-            marker=_MARKERS[place % len(_MARKERS)],
-            label=f"{quantity}{_price(points)}",
-            color=_COLOURS[place],
-        )
-    axis.set(
-        xlabel="correct digits (2: true error 0.01, 3: 0.001)",
-        ylabel="processor time of the whole prediction [s]",
-        title="What you pay for a digit (grey: --tolerance)",
-    )
-    axis.set_ylim(0.0, 1.1 * max(point.seconds for point in curves.digits))
-    least, most = axis.get_xlim()
-    axis.set_xticks(range(math.floor(least), math.ceil(most) + 1))
-    _name_times(axis, curves)
-    axis.grid(visible=True, alpha=0.3)
-    _say_if_empty(axis)
-    legend_beside(axis)
-    return png(figure)
-
-
-def _paying(points: Sequence[DigitPoint]) -> list[DigitPoint]:
-    """Return the points that are had for no less time, from few digits to many."""
-    found: list[DigitPoint] = []
-    for point in sorted(points, key=lambda one: (one.seconds, one.error)):
-        if not found or point.error < found[-1].error:
-            found.append(point)
-    return found
-
-
-def _price(points: Sequence[DigitPoint]) -> str:
-    """Say by what the time grows with a digit, from the fewest to the most; nothing where one digit is not spanned."""
-    digits = math.log10(points[0].error / points[-1].error)
-    if digits < 1.0:
-        return ""
-    return f":\none more digit takes {(points[-1].seconds / points[0].seconds) ** (1.0 / digits):.2g} x the time"
-
-
-def _name_times(axis: Axes, curves: Curves) -> None:
-    """Write each tolerance at its time, those at one time together."""
-    times = sorted((sum(found.stage_s.values()), found.tolerance) for found in curves.predictions)
-    groups: list[list[tuple[float, float]]] = []
-    for time in times:
-        if groups and time[0] - groups[-1][-1][0] < _APART * times[-1][0]:
-            groups[-1].append(time)
-        else:
-            groups.append([time])
-    for group in groups:
-        text = ", ".join(f"{tolerance:g}" for tolerance in sorted((one for _, one in group), reverse=True))
-        axis.axhline(group[-1][0], color="0.8", linewidth=0.8, zorder=0)
-        axis.annotate(
-            text,
-            (0.01, group[-1][0]),
-            xycoords=("axes fraction", "data"),
-            xytext=(0.0, 2.0),
-            textcoords="offset points",
-            fontsize=8,
-        )
-
-
 def _draw_chain(axis: Axes, chain: Sequence[CurvePoint]) -> None:
     """Draw the true errors of tolerances, and those that a prediction estimates for itself."""
     seconds, blue = [point.seconds for point in chain], _COLOURS[0]
@@ -693,28 +526,19 @@ def _draw_chain(axis: Axes, chain: Sequence[CurvePoint]) -> None:
     axis.plot(seconds, true, marker="o", color=blue, linewidth=2.6, label="--tolerance: true error")
     label = "--tolerance: error that it states"
     axis.plot(seconds, estimated, "o--", markerfacecolor="white", color=blue, linewidth=1.0, label=label)
+    for point, error in zip(chain, estimated, strict=True):
+        if math.isfinite(error):
+            name = point.level.removeprefix("tolerance ")
+            axis.annotate(name, (point.seconds, error), xytext=(4.0, 4.0), textcoords="offset points", fontsize=8)
 
 
-def _draw_named(axis: Axes, named: Sequence[NamedChoice]) -> None:
-    """Draw the paper's choices as crosses, the user's as pluses; those without error in a line."""
-    for by_user, marker, label in ((False, "X", "choices of the paper"), (True, "P", "your own choices")):
-        places = [(one.seconds, one.error) for one in named if one.by_user is by_user and one.error > 0.0]
-        if places:
-            seconds, errors = zip(*places, strict=True)
-            axis.plot(seconds, errors, linestyle="none", marker=marker, color="black", markersize=7, label=label)
-
-
-def _say_without_error(figure: Figure, named: Sequence[NamedChoice], chain: Sequence[CurvePoint]) -> None:
-    """Write below all what has no error that a logarithm could show."""
-    without = [*(one.level for one in chain if one.true == 0.0), *(one.name for one in named if not one.error > 0.0)]
-    if without:
-        figure.text(0.02, 0.02, f"no error here: {', '.join(without)}", fontsize=8)
-
-
-def _say_if_empty(axis: Axes) -> None:
-    named = [line for line in axis.lines if not str(line.get_label()).startswith("_")]
-    if not any(np.any(np.isfinite(np.asarray(line.get_ydata(), dtype=np.float64))) for line in named):
-        axis.text(0.5, 0.5, "no error of these settings in this scene", transform=axis.transAxes, ha="center")
+def _draw_named(axis: Axes, curves: Curves) -> None:
+    """Draw each fixed choice as a letter; the legend has its name, and why it may seem better than a tolerance."""
+    for letter, one in zip(ascii_lowercase, curves.named, strict=False):
+        label = one.name + (": no error here" if one.error == 0.0 else "")
+        label += "; states no error" if faster_and_better(one, curves) else ""
+        style = {"marker": f"${letter}$", "markersize": 9, "linestyle": "none"}
+        axis.plot(one.seconds, _shown(one.error), label=label, color=_COLOURS[1] if one.by_user else "black", **style)
 
 
 def _draw_floor(axis: Axes, curves: Curves) -> None:
@@ -722,6 +546,12 @@ def _draw_floor(axis: Axes, curves: Curves) -> None:
     if least is not None:
         label = "DoLP is known no better: uncertain inputs"
         axis.axhline(least, color="0.5", linestyle="--", linewidth=1.0, label=label)
+
+
+def _say_if_empty(axis: Axes) -> None:
+    named = [line for line in axis.lines if not str(line.get_label()).startswith("_")]
+    if not any(np.any(np.isfinite(np.asarray(line.get_ydata(), dtype=np.float64))) for line in named):
+        axis.text(0.5, 0.5, "no error of these settings in this scene", transform=axis.transAxes, ha="center")
 
 
 def _draw_settings(axis: Axes, curves: Curves) -> None:
@@ -760,32 +590,6 @@ def _finish_errors_of(axis: Axes, title: str) -> None:
     if any(np.any(np.asarray(line.get_ydata(), dtype=np.float64) > 0.0) for line in axis.lines):
         axis.set_yscale("log")
     axis.grid(visible=True, which="major", alpha=0.3)
-
-
-def _tolerance_names(chain: Sequence[CurvePoint]) -> list[PointName]:
-    """Return each tolerance at its point, several that come to the same error at the last of them."""
-    by_error: dict[float, list[CurvePoint]] = {}
-    for point in chain:
-        if math.isfinite(_shown(point.true)):
-            by_error.setdefault(float(f"{point.true:.2g}"), []).append(point)
-    names = []
-    for points in by_error.values():
-        text = ", ".join(point.level.removeprefix("tolerance ") for point in points)
-        names.append(PointName(text=text, x=points[-1].seconds, y=points[-1].true, is_bold=True))
-    return [replace(one, text=f"{'' if k else '--tolerance '}{one.text}") for k, one in enumerate(names)]
-
-
-def _choice_names(curves: Curves) -> list[PointName]:
-    """Return each choice at its point, with the reason where it seems better than a tolerance."""
-    return [
-        PointName(
-            text=f"{one.name}\n(states no error)" if faster_and_better(one, curves) else one.name,
-            x=one.seconds,
-            y=one.error,
-        )
-        for one in curves.named
-        if one.error > 0.0
-    ]
 
 
 def _draw_stages(axis: Axes, curves: Curves) -> None:

@@ -25,7 +25,7 @@ _SMALLEST, _LARGEST = 1e-5, 0.1
 _TOLERANCES = (0.1, 0.03, 0.01, 0.003, 0.001)
 _MS_PER_S = 1000.0
 _PERCENT_A_MINUTE = 0.01 / 60.0
-_ACCURACY_FILES = ("tradeoff.csv", "tradeoff.json", "tradeoff.png", "settings.png", "stages.png", "digits.png")
+_ACCURACY_FILES = ("tradeoff.csv", "tradeoff.json", "tradeoff.png", "settings.png", "stages.png")
 _ACQUISITION_FILES = ("acquisition.csv", "acquisition.json", "acquisition.png")
 _NO_ERROR_STATED = "states no error"
 
@@ -94,7 +94,7 @@ def tradeoff(
         With --acquisition: settling time of the polarizer [ms].
     out : path
         Folder for table, numbers and plots: tradeoff.png (the answer), settings.png (each setting alone), stages.png
-        (where the time goes), digits.png (cost of a digit).
+        (where the time goes).
     """
     from rigctl.calibrations.noise import read_noise_file
     from rigctl.files.scene_file import load_scene
@@ -224,7 +224,7 @@ class AccuracyTradeoff(Result):
         """Write table, numbers and plots into a folder; return the names of the files."""
         from rigctl.report.data_files import csv_rows, json_file
         from rigctl.report.output import write_folder
-        from rigctl.report.tradeoff import curve_png, curve_table, digits_png, settings_png, stages_png
+        from rigctl.report.tradeoff import curve_png, curve_table, settings_png, stages_png
 
         return write_folder(
             folder,
@@ -234,7 +234,6 @@ class AccuracyTradeoff(Result):
                 "tradeoff.png": curve_png(self.curves, worth=self.worth),
                 "settings.png": settings_png(self.curves),
                 "stages.png": stages_png(self.curves),
-                "digits.png": digits_png(self.curves),
             },
         )
 

@@ -203,7 +203,7 @@ def test_curves_choices_and_floor_are_written(tmp_path, capsys):
         "The inputs have no uncertainty, so every tolerance buys something: --tolerance 0.001 costs"
     )
     assert "worth having" in shown
-    assert {"tradeoff.png", "settings.png", "stages.png", "digits.png"} <= {one.name for one in tmp_path.iterdir()}
+    assert {"tradeoff.png", "settings.png", "stages.png"} <= {one.name for one in tmp_path.iterdir()}
     rows = list(csv.DictReader((tmp_path / "tradeoff.csv").read_text().splitlines()))
     assert [row["setting"] for row in rows if row["knob"] == "whole chain"] == ["tolerance 0.01", "tolerance 0.001"]
     assert all(float(row["true_error"]) <= 0.001 for row in rows)
