@@ -1,4 +1,4 @@
-"""A material as people and programs read it: what it reflects, in tables and figures."""
+"""Tables, figures and JSON of a material: its properties, and the light that it reflects."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 
 
 def surface_json(sheet: SurfaceSheet) -> dict[str, Json]:
-    """Return all that is said of a material as plain data."""
+    """Return properties and reflected light of a material as JSON holds them."""
     found = asdict(replace(sheet, surface=replace(sheet.surface, table=None), properties={}))
     found["properties"] = [
         {
@@ -45,7 +45,7 @@ def surface_json(sheet: SurfaceSheet) -> dict[str, Json]:
 
 
 def surface_tables(sheet: SurfaceSheet) -> Iterable[Table[Any]]:
-    """Return what goes into a material, what it reflects in the principal plane, and how much in all."""
+    """Return the properties of a material, its reflected light in the principal plane, and its reflectance."""
     yield _properties(sheet)
     yield _principal_plane(sheet)
     yield _reflectance(sheet)
@@ -71,7 +71,7 @@ def _properties(sheet: SurfaceSheet) -> Table[tuple[str, Property]]:
 
 
 def materials_table(found: Mapping[str, Material]) -> Table[tuple[str, str, Property]]:
-    """Return every property of materials, with uncertainty, basis and source; tables over wavelength by their ends."""
+    """Return all properties of materials with uncertainty, basis and source; spectra by their first and last value."""
     columns: tuple[Column[tuple[str, str, Property]], ...] = (
         Column(title="material", text=lambda row: row[0], left=True, unbroken=True),
         Column(title="property", text=lambda row: row[1], left=True, unbroken=True),
@@ -85,7 +85,7 @@ def materials_table(found: Mapping[str, Material]) -> Table[tuple[str, str, Prop
 
 
 def materials_json(found: Mapping[str, Material]) -> dict[str, Json]:
-    """Return the same as plain data."""
+    """Return the properties of materials as JSON holds them."""
     return {name: {key: asdict(given) for key, given in properties(one).items()} for name, one in found.items()}
 
 
@@ -109,7 +109,7 @@ def _principal_plane(sheet: SurfaceSheet) -> Table[ReflectedLight]:
 
 
 def most_polarized(sheets: Sequence[SurfaceSheet]) -> str:
-    """Return which of several materials polarizes most, and where the camera has to stand for it, as a sentence."""
+    """Return a sentence: which material polarizes most, and at which camera zenith angle."""
     sheet, light = max(((sheet, _peak(sheet)) for sheet in sheets), key=lambda one: one[1].dolp or 0.0)
     return (
         f"{sheet.material} polarizes most: DoLP {_or_dash(light.dolp, '.3f')} at a camera zenith of "
@@ -117,8 +117,8 @@ def most_polarized(sheets: Sequence[SurfaceSheet]) -> str:
     )
 
 
-def beside_one_another(sheets: Sequence[SurfaceSheet]) -> Table[SurfaceSheet]:
-    """Return a line for each material: light in the mirror direction, its highest DoLP, and reflectance."""
+def overview_table(sheets: Sequence[SurfaceSheet]) -> Table[SurfaceSheet]:
+    """Return a row for each material: light near the mirror direction, highest DoLP, and reflectance."""
     columns: tuple[Column[SurfaceSheet], ...] = (
         Column(title="material", text=lambda sheet: sheet.material, left=True, unbroken=True),
         Column(title="F00 [1/sr]", text=lambda sheet: f"{_mirror(sheet).f00_per_sr:.4g}"),
@@ -138,7 +138,7 @@ def _peak(sheet: SurfaceSheet) -> ReflectedLight:
 
 
 def _seen(sheet: SurfaceSheet) -> list[ReflectedLight]:
-    """Return the light that a camera sees beside the brightest: that of the tail of a lobe is polarized and dark."""
+    """Return the light that is bright enough for a camera; the tail of a lobe is polarized but dark."""
     most = max(light.f00_per_sr for light in sheet.principal_plane)
     return [light for light in sheet.principal_plane if light.f00_per_sr >= _LEAST_SEEN * most]
 
@@ -161,8 +161,8 @@ def _reflectance(sheet: SurfaceSheet) -> Table[Reflectance]:
         Column(title="error", text=lambda given: f"{given.error:.0e}"),
     )
     title = (
-        "directional-hemispherical reflectance by angle of incidence: of unpolarised light, the specular lobe's part "
-        "of it, and of light polarised horizontally and vertically"
+        "directional-hemispherical reflectance (DHR) by angle of incidence: unpolarised light, its specular part, and "
+        "light polarised horizontally and vertically"
     )
     return Table(title=title, columns=columns, rows=sheet.reflectance)
 
@@ -178,7 +178,7 @@ def _or_dash(number: float | None, form: str = ".4f") -> str:
 _UNPOLARISED, _POLARISED, _SPECULAR = PREDICTED, MEASURED, "0.45"
 # Decades of F00 below its largest value that are shown.
 _DECADES_OF_HEMISPHERE, _DECADES_OF_CURVE = 4.0, 8.0
-# A share of the brightest light, that of 12 bits.
+# Share of the brightest light that a camera of 12 bits resolves.
 _LEAST_SEEN = 2.0**-12
 _MARGIN = 1.2
 _LEAST_DEGREE = 0.01
@@ -204,7 +204,7 @@ def surface_picture(sheet: SurfaceSheet, stokes: FloatArray) -> bytes:
 
 
 def surfaces_picture(sheets: Sequence[SurfaceSheet]) -> bytes:
-    """Return F00 and DoLP of several materials in the principal plane, a curve each, where a camera sees light."""
+    """Return F00 and DoLP of several materials in the principal plane, where a camera sees light."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.5, 3.9), layout="constrained")
@@ -292,7 +292,7 @@ def _positive(intensity: FloatArray) -> FloatArray:
 
 
 def _shown_range(intensity: FloatArray, decades: float) -> tuple[float, float]:
-    """Return the ends of a logarithmic axis, which a surface that is black or the same everywhere has too."""
+    """Return the ends of a logarithmic axis, also for a surface that is black or uniform."""
     highest = float(np.nanmax(intensity)) or 1.0
     return max(float(np.nanmin(intensity)), highest * 10.0**-decades) / _MARGIN, highest * _MARGIN
 

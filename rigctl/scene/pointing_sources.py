@@ -1,4 +1,4 @@
-"""Sources of where camera and panels point: texts of people and pixels in, sources with their errors out."""
+"""Sources for the direction of camera and panels: parse compass, level, positions, panel outlines, the sun's pixel."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -37,7 +37,7 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _SIZE = re.compile(rf"(?P<name>[^=]+)=(?P<width>{_NUMBER})x(?P<height>{_NUMBER})")
 _WITH_STD = re.compile(rf"(?P<values>.+?)\s*(?:\+-|\+/-|\u00b1)\s*(?P<std>{_NUMBER})")
 _EAST_WEST = re.compile(rf"\s*(?P<size>{_NUMBER})\s*(?P<side>[EeWw])\s*")
-# Half a minute of a clock that nobody set moves the sun by an eighth of a degree.
+# A clock that is off by half a minute moves the sun by an eighth of a degree.
 _SUN_STD_DEG = 0.02
 _CORNERS = 4
 # Latitude and longitude [deg], height [m].
@@ -47,7 +47,7 @@ _PLACE_LIMITS = (90.0, 360.0, 9000.0)
 def stated_sources(
     *, compass: str | None, declination: str | None, level: str | None, camera_at: str | None, target_at: str | None
 ) -> Iterator[PoseSource]:
-    """Yield what people measured of the camera's direction; texts are those of `rigctl calibrate pointing`."""
+    """Yield a source for each measured direction; the texts are the options of `rigctl calibrate pointing`."""
     if (compass is None) != (declination is None):
         raise ConfigError("--compass, --declination: give both; a compass shows magnetic north")
     if compass is not None and declination is not None:
@@ -69,7 +69,7 @@ def _compass(reading_text: str, declination_text: str) -> PoseSource:
 
 
 def _signed(text: str) -> str:
-    """Return a declination as maps print it, ``11.3 W +- 0.3``, with a sign: east is positive."""
+    """Convert a declination as maps print it, ``11.3 W +- 0.3``, to a signed one: east is positive."""
     found = _WITH_STD.fullmatch(text.strip())
     side = _EAST_WEST.fullmatch(found["values"]) if found else None
     if found is None or side is None:
@@ -80,7 +80,7 @@ def _signed(text: str) -> str:
 
 
 def _numbers(option: str, text: str, most: Sequence[float]) -> tuple[list[float], float]:
-    """Return the numbers of an option, within their limits, and their standard uncertainty, which has to be said."""
+    """Parse the numbers of an option and their standard uncertainty, which is required; check their limits."""
     found, count = _WITH_STD.fullmatch(text.strip()), len(most)
     try:
         values = [float(word) for word in found["values"].split(",")] if found else []
@@ -94,27 +94,27 @@ def _numbers(option: str, text: str, most: Sequence[float]) -> tuple[list[float]
         )
     for value, limit in zip(values, most, strict=True):
         if abs(value) > limit:
-            raise ConfigError(f"{option}: is {text!r}; {value:g} does not lie within -{limit:g} and {limit:g}")
+            raise ConfigError(f"{option}: is {text!r}; {value:g} is not between -{limit:g} and {limit:g}")
     return values, std
 
 
 def pixel_of_sun(text: str, run: Run) -> FloatArray:
-    """Return where the sun stands in the pictures of a run, as "X,Y" says."""
+    """Parse the sun's pixel "X,Y" in the pictures of a run."""
     try:
         values = [float(word) for word in text.split(",")]
     except ValueError:
         values = []
     if len(values) != 2 or not np.isfinite(values).all():
-        raise ConfigError(f"--sun: is {text!r}; write 2 numbers, pixels right and down, with commas")
+        raise ConfigError(f"--sun: is {text!r}; write two numbers, X,Y: pixels right and down")
     point, (width, height) = np.array(values), _picture_size(run)
     if np.any(point < -0.5) or np.any(point > np.array([width, height]) - 0.5):
-        raise ConfigError(f"--sun: {text} lies outside of the pictures, which have {width} x {height} pixels")
+        raise ConfigError(f"--sun: {text} is outside of the pictures, which have {width} x {height} pixels")
     return point
 
 
 def _picture_size(run: Run) -> tuple[int, int]:
     if not run.frames:
-        raise DataError(f"{run.path}: holds no frames, so that the size of its pictures is not known")
+        raise DataError(f"{run.path}: has no frames, so the size of its pictures is not known")
     return run.frames[0].width, run.frames[0].height
 
 
@@ -123,7 +123,9 @@ def _positions(camera: str, target: str) -> PoseSource:
     there, there_std = _numbers("--target-at", target, _PLACE_LIMITS)
     between, error = way_between(here, there), float(np.hypot(std, there_std))
     if float(np.hypot(between[0], between[1])) < error:
-        raise ConfigError("--camera-at, --target-at: lie nearer to one another than their errors: no direction follows")
+        raise ConfigError(
+            "--camera-at, --target-at: are closer to each other than their errors, so they give no direction"
+        )
     return positions(between, np.full(3, error))
 
 
@@ -134,12 +136,12 @@ def lens_of(file: Path | None, focal_px: str | None, run: Run) -> Lens:
         found = read_lens_file(file)
         if (found.width, found.height) != (width, height):
             raise DataError(
-                f"{file}: is of pictures of {found.width} x {found.height} pixels, those of the run have "
+                f"{file}: is for pictures of {found.width} x {found.height} pixels; those of the run have "
                 f"{width} x {height}"
             )
         return found.lens()
     if focal_px is None:
-        raise ConfigError("--lens FILE, or --focal-px '1500 +- 20': pixels say nothing of directions without a lens")
+        raise ConfigError("--lens: directions of pixels need a lens; give --lens FILE or --focal-px '1500 +- 20'")
     (focal,), std = _numbers("--focal-px", focal_px, (1e7,))
     if not focal > 0.0:
         raise ConfigError(f"--focal-px: is {focal:g}; must be above 0")
@@ -149,11 +151,11 @@ def lens_of(file: Path | None, focal_px: str | None, run: Run) -> Lens:
 def panels_in_picture(
     panels: Sequence[str], outlines: Path | None, *, pixel_std: float, lens: Callable[[], Lens]
 ) -> dict[str, tuple[PanelStand, ...]]:
-    """Return how each panel can stand before the camera, by its outline and size."""
+    """Return the possible orientations of each panel, from its outline and size."""
     if not panels:
         return {}
     if outlines is None:
-        raise ConfigError("--outlines FILE: a scene or regions file with the four corners of each panel")
+        raise ConfigError("--panel: needs --outlines FILE, a scene or regions file with the four corners of each panel")
     regions = {region.name: region for region in _regions(outlines)}
     found: dict[str, tuple[PanelStand, ...]] = {}
     for text in panels:
@@ -184,17 +186,15 @@ def _corners(path: Path, regions: Mapping[str, Region], name: str) -> FloatArray
     polygon = regions[name].polygon
     if polygon is None or len(polygon) != _CORNERS:
         raise ConfigError(
-            f"--panel: {name} in {path} is no polygon of four corners; give those of the panel itself, in order, the "
-            "first side its width"
+            f"--panel: {name} in {path} must be a polygon of the panel's four corners, in order, width first"
         )
     return np.array(polygon, dtype=np.float64)
 
 
 def seen_sun(run: Run, *, at_ns: int | None, camera_at: str | None) -> SunSeen:
-    """Return the sun as it is seen from the run's site, in the middle of the run or at the time that is given.
+    """Return the apparent direction of the sun at the run's site, at a given time or in the middle of the run.
 
-    What the sun moves within a run whose picture is not named by its time, and what is not known of the site, are in
-    its uncertainty.
+    The uncertainty includes the motion of the sun during the run, unless a time is given, and the errors of the site.
     """
     site = _site(run, camera_at)
     first, last = _moments(run, at_ns)
@@ -212,21 +212,21 @@ def seen_sun(run: Run, *, at_ns: int | None, camera_at: str | None) -> SunSeen:
 
 
 def _apart_rad(one: SunPosition, other: SunPosition) -> float:
-    """Return how far apart two places of the sun are in the sky."""
+    """Return the angle between two positions of the sun in the sky."""
     turned = np.array([other.azimuth_rad - one.azimuth_rad])
     across = float(wrapped_rad(turned)[0]) * np.sin(0.5 * (one.zenith_rad + other.zenith_rad))
     return float(np.hypot(other.zenith_rad - one.zenith_rad, across))
 
 
 def _site_variance(site: SiteSection, moment: datetime) -> float:
-    """Return the variance of the sun's place in the sky by what is not known of the site, the larger way [rad^2]."""
+    """Return the largest variance of the sun's direction that the errors of the site cause [rad^2]."""
     across = np.diag([1.0, np.sin(sun_position(moment, site.place).zenith_rad)])
     covariance_deg2 = across @ sun_covariance_deg2(site, moment) @ across
     return float(np.radians(1.0) ** 2 * np.linalg.eigvalsh(covariance_deg2)[-1])
 
 
 def _site(run: Run, camera_at: str | None) -> SiteSection:
-    """Return the run's site, what its frames say of it, or where the camera is said to be."""
+    """Return the site of the run, of its frames, or of --camera-at."""
     if run.session.site is not None:
         return run.session.site
     first = run.frames[0] if run.frames else None
@@ -241,16 +241,16 @@ def _site(run: Run, camera_at: str | None) -> SiteSection:
         east = (longitude + 180.0) % 360.0 - 180.0
         return SiteSection(latitude_deg=latitude, longitude_deg=east, elevation_m=height)
     raise DataError(
-        f"{run.path}: has no site, and the sun stands elsewhere for each: [site] in the rig file, or --camera-at"
+        f"{run.path}: has no site, which the sun's direction depends on; give [site] in the rig file, or --camera-at"
     )
 
 
 def _moments(run: Run, at_ns: int | None) -> tuple[datetime, datetime]:
-    """Return between which moments the picture was taken."""
+    """Return the earliest and the latest time of the picture."""
     if at_ns is not None:
         at = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=at_ns // 1000)
         return at, at
     times = [utc_moment(one.start_utc) for one in run.frames if one.start_utc and is_utc_text(one.start_utc)]
     if not times:
-        raise DataError(f"{run.path}: its frames do not say when they were taken; --at TIME")
+        raise DataError(f"{run.path}: its frames have no time; give --at TIME")
     return min(times), max(times)

@@ -4,10 +4,9 @@
 one: the sun by its angles, materials at the sensor's wavelength, calibrated noise in place of the assumed one. A run, a
 sweep or an option makes a changed copy of the record; nothing goes back to the file.
 
-Every number of the scene file that may be uncertain is a parameter: its table there says key, range and meaning.
-`parameters`, `get` and `with_values` read and set parameters by their keys, as files and `--sweep` have them. A new
-number is a key of its table in `rigctl.files.scene_file` and its use in the model. Rows here add the numbers of
-regions and materials, which stand elsewhere in the record than in the file.
+Every number of the scene file that may be uncertain is a parameter. `rigctl.files.scene_file` defines its key, range
+and meaning. `parameters`, `get` and `with_values` read and set parameters by these keys, which `--set` and `sweep` use.
+The rows below add the numbers of regions and materials, whose place in the record differs from their place in the file.
 
 `gather` returns the numbers that a prediction rests on as `Inputs`: values, ranges and covariance.
 """
@@ -114,9 +113,9 @@ class SceneRegionRecord:
         return self.given.name
 
 
-# Keys of numbers whose errors go together, and the covariance of these errors in the units of the file.
+# Keys of numbers with correlated errors, and the covariance of these errors in the units of the file.
 JointErrors = tuple[tuple[str, ...], FloatArray]
-# Beginning of the keys of angles whose errors [pointing] joins.
+# Beginning of the keys of angles whose errors [pointing] correlates.
 _POINTED = ("geometry.", "regions.")
 
 
@@ -137,7 +136,7 @@ class Scene:
     field_of_view: FieldSection | None = None
     rig: Rig | None = None  #: None: as it is recorded.
     sun_time: datetime | None = None  #: As the file states it; None where it states the angles.
-    pointing: PointingSection | None = None  #: How the errors of angles of camera and panels go together.
+    pointing: PointingSection | None = None  #: Correlation of the errors of camera and panel angles.
     joint_errors: tuple[JointErrors, ...] = ()  #: Of what is off together; all other errors are independent.
     assumed: tuple[str, ...] = ()  #: What is assumed of noise and materials, in words.
     changed: tuple[str, ...] = ()  #: What options have changed, in words.
@@ -161,7 +160,7 @@ class Scene:
             *self.assumed,
             *([f"left out by request: {left_out}; rigctl effects says what that may change"] if left_out else []),
             *_geometry_remarks(self),
-            *(f"the errors of {', '.join(keys)} go together, as [pointing] says" for keys in together),
+            *(f"the errors of {', '.join(keys)} are correlated, as [pointing] states" for keys in together),
             *self.changed,
         )
 
@@ -185,7 +184,7 @@ Place = tuple[str | int, ...]
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """One number that a scene may have, or has."""
+    """A number of a scene."""
 
     key: str  #: As in files, in --sweep and in reports; in the table, of a region, within that region.
     unit: str  #: Of the file; empty for a pure number.
@@ -311,13 +310,13 @@ MATERIAL_ROWS = (
 )
 
 RIG_ROWS = (*_rows_of("rig", RigSection), *(row for row in _rows_of("errors", ErrorsSection) if row.key == DRIFT))
-_ANGLE_ROW = _row(ANGLE, "deg", "What one angle of the polarizer is off on its own", -inf)
+_ANGLE_ROW = _row(ANGLE, "deg", "Error of one polarizer angle", -inf)
 # Its uncertainty is that of rig.exposure_ratio.
 _EXPOSURE_ROW = _row(EXPOSURE, "ms", "Exposure of a frame")
 
 
 def describe() -> tuple[Parameter, ...]:
-    """Return every parameter that a scene may have: NAME stands for a region, ANGLE for an angle."""
+    """Return all parameters that scenes can have: NAME stands for a region, ANGLE for an angle."""
     regions = tuple(replace(row, key=f"regions.NAME.{row.key}") for row in (*REGION_ROWS, *MATERIAL_ROWS))
     return (*SCENE_ROWS, *regions, *RIG_ROWS, replace(_ANGLE_ROW, key=f"{ANGLE}ANGLE"), _EXPOSURE_ROW)
 
@@ -336,14 +335,14 @@ def get(scene: Scene, key: str) -> Parameter:
 
 
 def with_value(scene: Scene, key: str, value: float) -> Scene:
-    """Return the scene with another number in the place of one; its standard uncertainty stays."""
+    """Return a copy of the scene with one value changed; standard uncertainties stay."""
     return with_values(scene, {key: value})
 
 
 def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
-    """Return the scene with other numbers, by their keys; standard uncertainties stay.
+    """Return a copy of the scene with values changed by key; standard uncertainties stay.
 
-    What the model cannot compute is refused there, by name and range.
+    Ranges are not checked here; the model raises an error for values that it cannot compute.
     """
     found = {key: (place, leaf) for key, _, place, leaf in _found(scene)} if values else {}
     changed = scene
@@ -357,7 +356,7 @@ def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
 
 
 def require_within(scene: Scene, values: Mapping[str, float], *, option: str) -> None:
-    """Refuse numbers that are outside of their ranges."""
+    """Raise ConfigError if a value is outside of its range."""
     for key, value in values.items():
         one = get(scene, key)
         if not one.least <= value <= one.most:
@@ -366,7 +365,7 @@ def require_within(scene: Scene, values: Mapping[str, float], *, option: str) ->
 
 
 def parse_changes(requests: Iterable[str], *, option: str = "--set") -> dict[str, float]:
-    """Return numbers by their keys from requests ``KEY=VALUE``."""
+    """Parse ``KEY=VALUE`` texts into values by key."""
     found: dict[str, float] = {}
     for request in requests:
         key, _, text = request.partition("=")
@@ -383,12 +382,12 @@ def parse_changes(requests: Iterable[str], *, option: str = "--set") -> dict[str
     return found
 
 
-# So many keys are suggested for one that is not there.
+# Number of keys that are suggested for an unknown one.
 _SUGGESTED = 4
 
 
 def _unknown(scene: Scene, key: str) -> str:
-    """Return in words that a scene has no such number, and which to try."""
+    """Return the message for an unknown key, with the keys to try."""
     keys = [parameter.key for parameter in parameters(scene)]
     if key in {row.key for row in describe()}:
         return f"the scene does not state the number {key!r}; there are {', '.join(keys)}"
@@ -398,7 +397,7 @@ def _unknown(scene: Scene, key: str) -> str:
 
 
 def _placed_rows(scene: Scene) -> Iterator[tuple[str, Parameter, Place]]:
-    """Yield key, row and place in the record of every parameter that a scene may have, in the order of the inputs."""
+    """Yield key, row and place in the record of every possible parameter, in the order of the inputs."""
     for row in SCENE_ROWS:
         yield row.key, row, row.path
     for k, region in enumerate(scene.regions):
@@ -413,7 +412,7 @@ def _placed_rows(scene: Scene) -> Iterator[tuple[str, Parameter, Place]]:
 
 
 def _found(scene: Scene) -> Iterator[tuple[str, Parameter, Place, Any]]:
-    """Yield the parameters that the scene has, each with what stands at its place."""
+    """Yield the parameters that the scene has, each with the value at its place."""
     for key, row, place in _placed_rows(scene):
         leaf = _at(scene, place)
         if leaf is not None:
@@ -442,7 +441,7 @@ def _at(record: Any, place: Place) -> Any:
 
 
 def _with(record: Any, place: Place, value: float) -> Any:
-    """Return a record with a number at a place; every record on the way there is made anew."""
+    """Return a copy of a record with the number at a place changed."""
     step, rest = place[0], place[1:]
     leaf = _at(record, (step,))
     changed = _with(leaf, rest, value) if rest else _leaf(place, leaf, value)
@@ -462,12 +461,12 @@ def _leaf(place: Place, leaf: Any, value: float) -> Any:
 
 
 def _is_angle(place: Place) -> bool:
-    """Return True if a plain number of a model's record is an angle, which files have in degrees."""
+    """Return whether a number of the record is an angle in radians, which files have in degrees."""
     return str(place[-1]).endswith("_rad")
 
 
 def with_geometry(scene: Scene, geometry: GeometrySection | None, pointing: PointingSection | None) -> Scene:
-    """Return the scene seen from elsewhere, and how the errors of its angles go together then."""
+    """Return the scene with another viewing geometry and the correlation of its angle errors."""
     others = [one for one in scene.joint_errors if not one[0][0].startswith(_POINTED)]
     regions = [region.given for region in scene.regions]
     joint = (*others, *_pointing(pointing, geometry, regions))
@@ -475,7 +474,7 @@ def with_geometry(scene: Scene, geometry: GeometrySection | None, pointing: Poin
 
 
 def with_sun(scene: Scene, sun: Sun) -> Scene:
-    """Return the scene under another sun, whose angles are not off together by the place of the scene."""
+    """Return the scene under another sun, whose angle errors are not correlated by the site."""
     joint = tuple(one for one in scene.joint_errors if one[0][0] != SUN_ZENITH)
     return replace(scene, sun=sun, joint_errors=joint)
 
@@ -492,12 +491,12 @@ def forced_effects(scene: Scene) -> dict[Effect, bool]:
 
 
 def acting_effects(scene: Scene) -> frozenset[Effect]:
-    """Return the effects that act where no tolerance leaves any out: all but those that the user did."""
+    """Return the effects that act without a tolerance: all but those that the user leaves out."""
     return ALL - {effect for effect, acts in forced_effects(scene).items() if not acts}
 
 
 def assumed_materials(regions: Iterable[SceneRegionRecord]) -> Iterable[str]:
-    """Yield for each region what is only assumed of its material, in words."""
+    """Yield a line for each region with the material properties that are assumed."""
     for region in regions:
         assumed = () if region.material is None else assumed_properties(region.material)
         if region.material is not None and assumed:
@@ -505,7 +504,7 @@ def assumed_materials(regions: Iterable[SceneRegionRecord]) -> Iterable[str]:
 
 
 def rig_errors(scene: Scene) -> RigErrors | None:
-    """Return the errors of the rig of a scene; None where it is as recorded."""
+    """Return the errors of the rig of a scene; None if it is as recorded."""
     rig = scene.rig
     if rig is None or rig.is_ideal:
         return None
@@ -518,19 +517,19 @@ def rig_errors(scene: Scene) -> RigErrors | None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Inputs:
-    """Every number that a prediction rests on, k of them."""
+    """The k numbers that a prediction depends on."""
 
-    scene: Scene  #: Whose numbers they are.
+    scene: Scene  #: The scene that they belong to.
     names: tuple[str, ...]  #: Keys, such as "regions.black_panel.stokes_radiance.0".
     values: FloatArray  #: In the units of the file.
     cov: FloatArray  #: Their covariance.
-    least: FloatArray  #: Between which numbers each has to stay; infinite where there is no limit.
+    least: FloatArray  #: Limits of each, infinite where there is none.
     most: FloatArray
-    #: Those that were fitted so that they make up for others: their covariance with these holds to first order.
+    #: Inputs that were fitted together with others, whose covariance with these is of first order.
     fitted: tuple[str, ...] = ()
 
     def at(self, values: FloatArray) -> Scene:
-        """Return the scene with other numbers in the place of these."""
+        """Return the scene with other values of these numbers."""
         return with_values(self.scene, dict(zip(self.names, values.tolist(), strict=True)))
 
     def of(self, key: str) -> float:
@@ -539,7 +538,7 @@ class Inputs:
 
 
 def gather(scene: Scene) -> Inputs:
-    """Return the numbers of a scene with their covariance; of a rig that is exactly as recorded there are none."""
+    """Return the numbers of a scene with their covariance; a rig exactly as recorded adds none."""
     found = [parameter for parameter in parameters(scene) if _is_input(scene, parameter)]
     return Inputs(
         scene=scene,
@@ -556,7 +555,7 @@ def _is_input(scene: Scene, parameter: Parameter) -> bool:
         return False
     if parameter.key.startswith("rig."):
         return scene.rig is not None and not scene.rig.is_exact
-    # What is not known of the exposure is in rig.exposure_ratio.
+    # The uncertainty of the exposure is in rig.exposure_ratio.
     return parameter.key != EXPOSURE
 
 
@@ -582,15 +581,15 @@ def _covariance(scene: Scene, found: list[Parameter]) -> FloatArray:
     return cov
 
 
-# As far as a plane-parallel atmosphere is taken for the sun without remark.
+# Up to this zenith angle a plane-parallel atmosphere needs no remark.
 _PLANE_TO_DEG = 85.0
 _EARTH_RADIUS_M = 6.371e6
-# A field so wide, corner to corner, may come near the horizon, where light is not smooth over few tiles.
+# A wider field, from corner to corner, may come near the horizon, where few tiles do not resolve the light.
 _WIDE_DEG = 90.0
 
 
 def _geometry_remarks(scene: Scene) -> Iterator[str]:
-    """Return where the geometry of a scene goes beyond what the model holds for, and by how much that is off."""
+    """Yield a remark for each part of the geometry outside of the model's range, with the size of the error."""
     if not scene.has_materials:
         return
     if scene.geometry is not None and _PLANE_TO_DEG < scene.geometry.camera_zenith_deg.value < 90.0:
@@ -601,18 +600,18 @@ def _geometry_remarks(scene: Scene) -> Iterator[str]:
         if hypot(width, height) > _WIDE_DEG:
             yield (
                 f"field of view {width:g} x {height:g} deg: {field.tiles_per_side} x {field.tiles_per_side} tiles are "
-                "few where it comes near the horizon; --tolerance chooses them, and says what cannot be promised"
+                "too few near the horizon; --tolerance chooses their number and lists results that it cannot guarantee"
             )
 
 
 def _slant_path_m(*, height_m: float, zenith_rad: float) -> float:
-    """Return the way from the ground to a height over a round earth, without refraction [m].
+    """Return the length of path from the ground to a height over a round earth, without refraction [m].
 
     Definition: law of cosines in the triangle with the earth's centre.
     """
     along = _EARTH_RADIUS_M * cos(zenith_rad)
     beyond = height_m * (2.0 * _EARTH_RADIUS_M + height_m)
-    # The difference of two long ways, without its loss of digits.
+    # The difference of two long paths, without loss of digits.
     return beyond / (sqrt(along**2 + beyond) + along) if height_m > 0.0 else 0.0
 
 
@@ -621,19 +620,19 @@ def _of_view(geometry: GeometrySection) -> str:
     zenith_rad = radians(zenith_deg)
     if height_m == 0.0:
         return (
-            f"camera zenith {zenith_deg:g} deg: above {_PLANE_TO_DEG:g} deg light of the sky that is "
-            "reflected comes from near the horizon, where a plane-parallel atmosphere is wrong"
+            f"camera zenith {zenith_deg:g} deg: above {_PLANE_TO_DEG:g} deg the reflected light "
+            "comes from sky near the horizon, where a plane-parallel atmosphere is wrong"
         )
     plane_m, round_m = height_m / cos(zenith_rad), _slant_path_m(height_m=height_m, zenith_rad=zenith_rad)
     return (
         f"camera zenith {zenith_deg:g} deg: above {_PLANE_TO_DEG:g} deg a plane-parallel atmosphere is "
-        f"wrong; it takes {plane_m / 1000.0:.3g} km of air to the camera, over a round earth they are "
+        f"wrong; its path to the camera is {plane_m / 1000.0:.3g} km long, over a round earth "
         f"{round_m / 1000.0:.3g} km ({percent(plane_m / round_m - 1.0)} too long)"
     )
 
 
 def chosen_effects(stated: EffectsSection, switched_on: Sequence[str], left_out: Sequence[str]) -> EffectsSection:
-    """Return effects forced by name, which go before those that are stated."""
+    """Return the stated effects with some forced by name, which have priority."""
     for name in (*switched_on, *left_out):
         if name not in effect_names():
             close = get_close_matches(name, effect_names(), n=1)
@@ -649,7 +648,7 @@ def chosen_effects(stated: EffectsSection, switched_on: Sequence[str], left_out:
 
 
 def forced(effects: EffectsSection, scene_name: str) -> dict[Effect, bool]:
-    """Return the effects that are forced on (True) or off (False); an effect cannot be both."""
+    """Return the effects that are forced on (True) or off (False); ConfigError if one is both."""
     both = sorted(set(effects.switched_on) & set(effects.left_out))
     if both:
         raise ConfigError(f"scene {scene_name}: effects {', '.join(both)} are both switched on and left out")
@@ -661,7 +660,7 @@ def forced(effects: EffectsSection, scene_name: str) -> dict[Effect, bool]:
 def _pointing(
     pointing: PointingSection | None, geometry: GeometrySection | None, regions: Sequence[SceneRegion]
 ) -> Iterable[JointErrors]:
-    """Yield the covariance of the angles of camera and panels, of those that the model has."""
+    """Yield the covariance of those camera and panel angles that the model uses."""
     if pointing is None:
         return
     given = {f"regions.{region.name}." for region in regions if region.material is None}

@@ -263,10 +263,10 @@ class ManySurfaces(Result):
 
     def content(self) -> Iterable[Part]:
         """Return which material polarizes most, then a line for each."""
-        from rigctl.report.surface import beside_one_another, most_polarized
+        from rigctl.report.surface import most_polarized, overview_table
 
         yield most_polarized(self.sheets)
-        yield beside_one_another(self.sheets)
+        yield overview_table(self.sheets)
         for sheet in self.sheets:
             yield from (f"{sheet.material}: finding: {finding}" for finding in sheet.findings)
 

@@ -158,16 +158,16 @@ def test_contradicting_sources_are_said(run, capsys):
         ({"compass": "10", "declination": "1 +- 1"}, "--compass: is '10'; write 1 number and an error"),
         ({"compass": "nan +- 1", "declination": "1 +- 1"}, "--compass"),
         ({"level": "1 +- 1"}, "--level: is '1 .- 1'; write 2 numbers"),
-        ({"level": "95,0 +- 1"}, "95 does not lie within -90 and 90"),
+        ({"level": "95,0 +- 1"}, "95 is not between -90 and 90"),
         ({"compass": "10 +- 1", "declination": "-3 W +- 1"}, "not both"),
-        ({"compass": "10 +- 1", "declination": "200 +- 1"}, "200 does not lie within"),
-        ({"sun": "400,10", "focal_px": FOCAL}, "400,10 lies outside of the pictures, which have 320 x 240"),
+        ({"compass": "10 +- 1", "declination": "200 +- 1"}, "200 is not between"),
+        ({"sun": "400,10", "focal_px": FOCAL}, "400,10 is outside of the pictures, which have 320 x 240"),
         ({"panel": ("a=1.2.3x1",), "outlines": ROOT / "examples/regions.toml"}, "--panel: is 'a=1.2.3x1'"),
         ({"sun": "10,10"}, "--lens FILE, or --focal-px"),
         ({"sun": "10", "focal_px": FOCAL}, "--sun: is '10'; write 2 numbers"),
         ({"panel": ("a=1x1",)}, "--outlines FILE"),
         ({"camera_at": "1,1,1 +- 1"}, "give both"),
-        ({"camera_at": "1,1,1 +- 1", "target_at": "1,1,1 +- 1"}, "nearer to one another"),
+        ({"camera_at": "1,1,1 +- 1", "target_at": "1,1,1 +- 1"}, "closer to each other than their errors"),
     ],
 )
 def test_what_is_not_enough_is_refused(run, more, said):
@@ -225,7 +225,7 @@ def test_a_lens_from_pictures_is_for_pictures_of_its_size(run, tmp_path, capsys)
     request = {"lens": out, "sun": "100,100", "level": "60,0 +- 0.5"}
     assert np.isfinite(pointing(run, **request).pose.std_rad).all()
     out.write_text(json.dumps(json.loads(out.read_text()) | {"width": 640}))
-    with pytest.raises(DataError, match="is of pictures of 640 x 240 pixels"):
+    with pytest.raises(DataError, match="is for pictures of 640 x 240 pixels"):
         pointing(run, **request)
     assert cli.main(["calibrate", "lens", *pictures[:1], *board[:4], "--out", str(tmp_path / "x.json")]) == 4
     assert (
