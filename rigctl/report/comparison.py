@@ -27,7 +27,7 @@ from rigctl.calibrations.made_for import MeasuredOverFrames
 from rigctl.comparison.checks import ADVICE, VERDICT_WORDS, not_judged, refusals, reservations, said_of, unjudged_lines
 from rigctl.comparison.compare import ALLOWED_SHARE
 from rigctl.comparison.rows import FAULTS, error_of_both, off_prediction
-from rigctl.console.anonymity import is_anonymous
+from rigctl.console import is_anonymous
 from rigctl.files.scene_file import NoiseSection
 from rigctl.measure.faults import UNSEEN
 from rigctl.prediction.predict import NO_NOISE
