@@ -161,8 +161,10 @@ def row_table(rows: Iterable[Row]) -> Table[Row]:
 
 def mixed_row_table(rows: Iterable[Row]) -> Table[Row]:
     """Return rows of several regions for a page, each with its region."""
-    number = Column[Row](title="number", text=lambda row: f"{row.region}: {row.quantity}", left=True)
-    columns = (number, *(_BY_KEY[key] for key in ("statistic", "measured", "predicted", "z")))
+    columns: tuple[Column[Row], ...] = (
+        Column(title="number", text=lambda row: f"{row.region}: {row.quantity}", left=True),
+        *(_BY_KEY[key] for key in ("statistic", "measured", "predicted", "z")),
+    )
     return Table(columns=columns, rows=tuple(rows), is_off=_disagrees)
 
 

@@ -157,7 +157,7 @@ def test_contradicting_sources_are_said(run, capsys):
         ({"compass": "10 +- 1"}, "give both"),
         ({"compass": "10", "declination": "1 +- 1"}, "--compass: is '10'; write 1 number and an error"),
         ({"compass": "nan +- 1", "declination": "1 +- 1"}, "--compass"),
-        ({"level": "1 +- 1"}, "--level: is '1 .- 1'; write two numbers"),
+        ({"level": "1 +- 1"}, "--level: is '1 .- 1'; write 2 numbers"),
         ({"level": "95,0 +- 1"}, "95 is not between -90 and 90"),
         ({"compass": "10 +- 1", "declination": "-3 W +- 1"}, "not both"),
         ({"compass": "10 +- 1", "declination": "200 +- 1"}, "200 is not between"),
