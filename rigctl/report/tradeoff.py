@@ -537,8 +537,8 @@ def _draw_named(axis: Axes, curves: Curves) -> None:
     for letter, one in zip(ascii_lowercase, curves.named, strict=False):
         label = one.name + (": no error here" if one.error == 0.0 else "")
         label += "; states no error" if faster_and_better(one, curves) else ""
-        style = {"marker": f"${letter}$", "markersize": 9, "linestyle": "none"}
-        axis.plot(one.seconds, _shown(one.error), label=label, color=_COLOURS[1] if one.by_user else "black", **style)
+        colour = _COLOURS[1] if one.by_user else "black"
+        axis.plot(one.seconds, _shown(one.error), marker=f"${letter}$", ms=9, ls="", color=colour, label=label)
 
 
 def _draw_floor(axis: Axes, curves: Curves) -> None:
