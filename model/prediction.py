@@ -7,10 +7,11 @@ axes or exposure differ from the record. `budget` splits the uncertainty of a me
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,13 +233,17 @@ def predict_all(scenarios: Sequence[Scenario], *, tolerance: float = 1e-6) -> tu
     """
     places = [(place, region) for place, one in enumerate(scenarios) for region in one.regions]
     plans = _designs(scenarios)
-    found = []
-    for place, region in places:
-        readout = scenarios[place].readout
-        channels = as_processed(_channels(region, scenarios[place]), readout)
-        found.append(_without_dolp(channels, plans[place], readout.channel_names, readout.cycles))
+    read = [
+        _Read(
+            as_processed(_channels(region, scenarios[place]), scenarios[place].readout),
+            plans[place],
+            scenarios[place].readout.channel_names,
+            scenarios[place].readout.cycles,
+        )
+        for place, region in places
+    ]
     predictions: tuple[dict[str, RegionPrediction], ...] = tuple({} for _ in scenarios)
-    for (place, region), one in zip(places, _with_dolp(found, tolerance), strict=True):
+    for (place, region), one in zip(places, _with_dolp(_without_dolp(read), tolerance), strict=True):
         predictions[place][region.name] = one
     return predictions
 
@@ -278,30 +283,51 @@ def predict_region(
     ----------
     [MK14] eq. (19)-(29).
     """
-    return _with_dolp([_without_dolp(channels, plan, channel_names, cycles)], tolerance)[0]
+    return _with_dolp(_without_dolp([_Read(channels, plan, channel_names, cycles)]), tolerance)[0]
 
 
-def _without_dolp(
-    channels: ChannelMoments, plan: Design, channel_names: tuple[str, ...], cycles: int
-) -> RegionPrediction:
-    """Return a prediction without the law of the pixels' DoLP."""
-    temporal = channels.temporal_var_dn2[:, None] * np.eye(channels.mean_dn.size)
-    spatial = channels.scene_cov_dn2 + channels.fixed_pattern_cov_dn2
+class _Read(NamedTuple):
+    """Channels of a region, and how they were read."""
+
+    channels: ChannelMoments
+    plan: Design
+    names: tuple[str, ...]
+    cycles: int
+
+
+def _without_dolp(several: Sequence[_Read]) -> list[RegionPrediction]:
+    """Return predictions that lack the law of the pixels' DoLP; regions that are read by one plan are one array."""
+    groups: dict[int, list[int]] = defaultdict(list)
+    for k, one in enumerate(several):
+        groups[id(one.plan)].append(k)
+    found: dict[int, RegionPrediction] = {}
+    for group in groups.values():
+        found |= dict(zip(group, _of_one_plan([several[k] for k in group]), strict=True))
+    return [found[k] for k in range(len(several))]
+
+
+def _of_one_plan(several: Sequence[_Read]) -> Iterator[RegionPrediction]:
+    channels, plan = [one.channels for one in several], several[0].plan
+    mean = np.stack([one.mean_dn for one in channels])
+    spatial = np.stack([one.scene_cov_dn2 + one.fixed_pattern_cov_dn2 for one in channels])
+    temporal = np.stack([one.temporal_var_dn2 for one in channels])[:, None] * np.eye(mean.shape[-1])
+    cycles = np.array([one.cycles for one in several])[:, None, None]
     covs = {"std": spatial + temporal, "std_temporal": temporal, "std_spatial_mean": spatial + temporal / cycles}
-    stokes_mean = plan.inverse @ channels.mean_dn
     stokes_covs = {name: plan.inverse @ cov @ plan.inverse.T for name, cov in covs.items()}
-    stokes = Moments(mean=stokes_mean, cov=stokes_covs["std"])
-    quantities = _linear(channel_names, channels.mean_dn, covs) | _linear(("s0", "s1", "s2"), stokes_mean, stokes_covs)
-    return RegionPrediction(
-        channels=channels,
-        stokes_dn=stokes,
-        stokes_noise_dn2=stokes_covs["std_temporal"],
-        dolp_method="none",
-        dolp_mean_error=np.nan,
-        dolp_std_error=np.nan,
-        quantities=quantities | (_ratios(stokes) if stokes.mean[0] > LEAST_S0_DN else {}),
-        warnings=(*channels.warnings, *plan.warnings),
-    )
+    stokes = Moments(mean=mean @ plan.inverse.T, cov=stokes_covs["std"])
+    of_counts, of_stokes, ratios = _linear(mean, covs), _linear(stokes.mean, stokes_covs), _ratios(stokes)
+    for k, one in enumerate(several):
+        yield RegionPrediction(
+            channels=one.channels,
+            stokes_dn=Moments(mean=stokes.mean[k], cov=stokes.cov[k]),
+            stokes_noise_dn2=stokes_covs["std_temporal"][k],
+            dolp_method="none",
+            dolp_mean_error=np.nan,
+            dolp_std_error=np.nan,
+            quantities=dict(zip((*one.names, "s0", "s1", "s2"), (*of_counts[k], *of_stokes[k]), strict=True))
+            | ratios[k],
+            warnings=(*one.channels.warnings, *plan.warnings),
+        )
 
 
 def _with_dolp(predictions: Sequence[RegionPrediction], tolerance: float) -> list[RegionPrediction]:
@@ -373,42 +399,44 @@ def _no_light(s0: float) -> str:
     return f"the mean of S0 is {s0:.3g} DN, {'as good as' if s0 > 0.0 else 'not above'} 0"
 
 
-def _linear(names: tuple[str, ...], mean: FloatArray, covs: dict[str, FloatArray]) -> Quantities:
-    deviations = {kind: _deviations(cov) for kind, cov in covs.items()}
-    return {
-        name: {"mean": float(mean[k])} | {kind: float(each[k]) for kind, each in deviations.items()}
-        for k, name in enumerate(names)
-    }
+def _linear(mean: FloatArray, covs: dict[str, FloatArray]) -> list[list[dict[str, float]]]:
+    """Return the statistics of each component of each of several vectors (M, n)."""
+    statistics = {"mean": mean} | {kind: _deviations(cov) for kind, cov in covs.items()}
+    numbers = np.stack(list(statistics.values()), axis=-1).tolist()
+    return [[dict(zip(statistics, one, strict=True)) for one in vector] for vector in numbers]
 
 
 def _deviations(cov: FloatArray) -> FloatArray:
     """Return standard deviations; variances negative by rounding give 0."""
-    return np.asarray(np.sqrt(np.maximum(np.diag(cov), 0.0)))
+    return np.asarray(np.sqrt(np.maximum(np.diagonal(cov, axis1=-2, axis2=-1), 0.0)))
 
 
-def _ratios(stokes: Moments) -> Quantities:
-    """Return the quantities independent of the scale of counts: of the mean, with first-order deviations of a pixel."""
-    normalized = normalized_moments(stokes)
-    deviations = _deviations(normalized.cov)
-    found = {
-        "s1n": {"mean": float(normalized.mean[0]), "std": float(deviations[0])},
-        "s2n": {"mean": float(normalized.mean[1]), "std": float(deviations[1])},
-    }
-    is_polarised = float(np.hypot(stokes.mean[1], stokes.mean[2])) > _UNPOLARISED * float(stokes.mean[0])
-    return found | (_polarised_ratios(stokes) if is_polarised else {"dolp": {"mean": 0.0}})
+def _ratios(stokes: Moments) -> list[Quantities]:
+    """Return what does not depend on the scale of the counts: of the mean, with first-order deviations of a pixel.
 
-
-def _polarised_ratios(stokes: Moments) -> Quantities:
-    aolp = aolp_moments_rad(stokes)
-    first = dolp.first_order(stokes.mean, stokes.cov)
-    first_std = float(np.sqrt(first.variance))
-    return {
-        "dolp": {"mean": float(first.mean), "std": first_std},
-        "aolp_deg": {
-            "mean": float(np.rad2deg(aolp.mean[0])),
-            "std": float(np.rad2deg(np.sqrt(aolp.cov[0, 0]))),
-        },
-    } | ({"dolp_snr": {"first_order": float(first.mean) / first_std}} if first_std > 0.0 else {})
+    Of several Stokes vectors (M, 3); nothing of one without light.
+    """
+    found: list[Quantities] = [{} for _ in stokes.mean]
+    lit = np.flatnonzero(stokes.mean[:, 0] > LEAST_S0_DN)
+    if not lit.size:
+        return found
+    seen = Moments(mean=stokes.mean[lit], cov=stokes.cov[lit])
+    normalized = normalized_moments(seen)
+    for k, mean, std in zip(lit, normalized.mean.tolist(), _deviations(normalized.cov).tolist(), strict=True):
+        found[k] = {name: {"mean": mean[i], "std": std[i]} for i, name in enumerate(("s1n", "s2n"))}
+        found[k]["dolp"] = {"mean": 0.0}
+    is_polarised = np.hypot(seen.mean[:, 1], seen.mean[:, 2]) > _UNPOLARISED * seen.mean[:, 0]
+    if not np.any(is_polarised):
+        return found
+    polarised = Moments(mean=seen.mean[is_polarised], cov=seen.cov[is_polarised])
+    angle, first = aolp_moments_rad(polarised), dolp.first_order(polarised.mean, polarised.cov)
+    angles_deg = np.rad2deg(np.stack([angle.mean[:, 0], _deviations(angle.cov)[:, 0]], axis=-1)).tolist()
+    degrees = zip(first.mean.tolist(), np.sqrt(first.variance).tolist(), strict=True)
+    for k, (mean, std), (aolp, aolp_std) in zip(lit[is_polarised], degrees, angles_deg, strict=True):
+        found[k] |= {"dolp": {"mean": mean, "std": std}, "aolp_deg": {"mean": aolp, "std": aolp_std}}
+        if std > 0.0:
+            found[k]["dolp_snr"] = {"first_order": mean / std}
+    return found
 
 
 # Strength of the polarization of a predicted region: the distribution of its DoLP, and its noise floor

@@ -97,8 +97,9 @@ _ZENITHS, _AZIMUTHS = 12, 10
 _ANY_SIGN, _OF_LARGEST = 0.5, np.array([2e-3, 4e-4, 4e-4])
 # Steps of the finer grid beside which it is set, over its own.
 _FINER_GRID = 1.5
-# A grid whose largest error, of any direction, is below this share of the tolerance needs no closer look.
-_HARMLESS = 0.001
+# Where all of the reflected sky may be off by a grid's largest error of any direction, and that is below this share of
+# the tolerance, the grid needs no closer look.
+_HARMLESS = 0.02
 # What the references of a sky depend on, whoever looks at it.
 _OF_SKY = (STREAMS, LAYERS, WAVELENGTHS, SKY_GRID)
 # Parts of the light that a source has, the error of the transmittance being that of all that is reflected.

@@ -31,7 +31,6 @@ _LOWEST_SKY_MU = 1e-3
 _ALMOST_VERTICAL = 1.0 - 1e-9  # at exactly 1 its frame is not turned with the azimuth
 _FEWEST_MOMENTS = 64
 _HENYEY_GREENSTEIN_MOMENTS = 128
-_STATED_ERROR = 1e-3
 _ROUNDING = 1e-9
 
 
@@ -71,11 +70,6 @@ class Sasktran2Solution:
     def converged(self) -> bool:
         """True: it does not iterate."""
         return True
-
-    @property
-    def error_estimate(self) -> float:
-        """Documented error more than 12 degrees from the zenith; sasktran2 does not estimate it."""
-        return _STATED_ERROR
 
     @cached_property
     def diffuse_irradiance(self) -> float:

@@ -148,11 +148,6 @@ class DiffuseLight(Protocol):
         """True if what was asked for was reached."""
         ...
 
-    @property
-    def error_estimate(self) -> float:
-        """Estimated error of the radiance as a share of its mean."""
-        ...
-
     def stokes(
         self, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike, *, looking: Literal["up", "down"]
     ) -> NDArray[np.float64]:
@@ -232,11 +227,6 @@ class BandLighting:
     direct_irradiance: float
     wavelength_error: float
     _kept: dict[Hashable, NDArray[np.float64]] = field(default_factory=dict, init=False, repr=False, compare=False)
-
-    @property
-    def error_estimate(self) -> float:
-        """Estimated relative error of the diffuse light from solver and wavelengths, without that of the profile."""
-        return max(solution.error_estimate for solution in self.solutions) + self.wavelength_error
 
     @property
     def diffuse_irradiance(self) -> float:
@@ -434,7 +424,6 @@ class UnlitSolution:
     ground_radiance: float = 0.0
     diffuse_irradiance: float = 0.0
     converged: bool = True
-    error_estimate: float = 0.0
 
     def stokes(
         self, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike, *, looking: Literal["up", "down"]
@@ -815,11 +804,6 @@ class _ExtrapolatedLight:
         """True if both have what was asked for."""
         return self.coarse.converged and self.fine.converged
 
-    @property
-    def error_estimate(self) -> float:
-        """Estimated error of the radiance as a share of its mean, without that of the layers: the finer one's."""
-        return self.fine.error_estimate
-
     def stokes(
         self, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike, *, looking: Literal["up", "down"]
     ) -> NDArray[np.float64]:
@@ -844,7 +828,6 @@ def _beam_only(layers: Sequence[Layer], *, mu0: float, albedo: float) -> Solutio
         diffuse_irradiance=0.0,
         orders=1,
         converged=False,
-        error_estimate=1.0,
     )
 
 

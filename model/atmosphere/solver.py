@@ -8,7 +8,7 @@ the tolerance. The error is estimated from the residual of the solution in the e
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from math import acos, ceil, cos, degrees, exp, inf, pi, radians
+from math import acos, cos, degrees, exp, inf, pi, radians
 from typing import Literal
 
 import numpy as np
@@ -80,10 +80,6 @@ class Solution:
         Number of summed orders of scattering.
     converged
         Whether the omitted orders are below the tolerance.
-    error_estimate
-        Estimated error of the radiance as a share of the mean radiance that leaves the atmosphere on the same side: of
-        quadrature in angle and depth, expansion and omitted orders. For views up to 89 degrees, and with spheres at
-        least ten degrees from the sun.
     """
 
     layers: tuple[Layer, ...]
@@ -94,7 +90,6 @@ class Solution:
     diffuse_irradiance: float
     orders: int
     converged: bool
-    error_estimate: float
 
     @cached_property
     def depth(self) -> float:
@@ -281,8 +276,6 @@ def solve(
         diffuse_irradiance=irradiance + _direct_irradiance(grid) - mu0 * exp(-_full_depth(merged) / mu0),
         orders=max(block.orders for block in blocks),
         converged=all(block.tail <= tolerance for block in blocks),
-        error_estimate=_estimate_error(grid, coefficients, blocks, albedo)
-        + _truncation_error(merged, degree=degree, mu0=mu0),
     )
 
 
@@ -298,7 +291,6 @@ def gauss_nodes(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 _HALVINGS = 4  # of the outermost elements, for the source's t log t
 _SMALLEST_MU0 = cos(radians(85.0)) - 1e-12  # rounding of a caller's 85 degrees
-_LARGEST_RATIO = 0.99  # of successive orders, for which errors are assumed to grow a hundredfold
 
 
 def check_scene(*, mu0: float, albedo: float) -> None:
@@ -466,28 +458,28 @@ def _degree_max(layers: Sequence[Layer], *, nodes: int) -> int:
         longest = max(matrix.coefficients.shape[0] for matrix in matrices) - 1
         return int(max(min(3 * nodes // 2 - 1, longest), _RAYLEIGH_DEGREE))
     degree = _RAYLEIGH_DEGREE
-    while degree < 2 * nodes - 1 and _truncation_error(layers, degree=degree, mu0=1.0) > _NEGLIGIBLE:
+    while degree < 2 * nodes - 1 and _truncation_error(layers, degree=degree) > _NEGLIGIBLE:
         degree += 1
     return degree
 
 
-def _truncation_error(layers: Sequence[Layer], *, degree: int, mu0: float) -> float:
+def _truncation_error(layers: Sequence[Layer], *, degree: int) -> float:
     """Error, as a share of the mean radiance, from the degrees above the given one in light scattered twice.
 
     Henyey-Greenstein: the first term left out, (2l + 1) g^(2l) times the albedo of the aerosol, over 1 - g^2 for those
-    that follow. A matrix: the largest error of delta-M with exact single scattering, beyond ten degrees from the sun,
-    times half the slant depth of scattering by the aerosol, the share of light scattered twice.
+    that follow. A matrix: the largest error, beyond ten degrees from the sun, that delta-M with exact single scattering
+    leaves, times half the depth of scattering by the aerosol, which is the share of light scattered twice.
 
     Nakajima & Tanaka, J. Quant. Spectrosc. Radiat. Transfer 40 (1988) 51, doi:10.1016/0022-4073(88)90031-3.
     """
-    slant = sum(layer.tau_aerosol * layer.ssa_aerosol for layer in layers if layer.matrix is not None) / mu0
+    depth = sum(layer.tau_aerosol * layer.ssa_aerosol for layer in layers if layer.matrix is not None)
     return max(
         (
             layer.tau_aerosol
             * layer.ssa_aerosol
             / layer.depth
             * _neglected(layer, degree)
-            * (1.0 if layer.matrix is None else min(slant / 2.0, 1.0))
+            * (1.0 if layer.matrix is None else min(depth / 2.0, 1.0))
             for layer in layers
         ),
         default=0.0,
@@ -578,7 +570,6 @@ class _SolvedBlock:
     diffuse_irradiance: float
     orders: int
     tail: float
-    ratio: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -639,12 +630,12 @@ def _solve_block(
     toward its limit in a conservative atmosphere).
     """
     scattering = _scattering_of(grid, coefficients, modes=modes, polarized=polarized)
-    total, irradiance, size, ratio, tail, count = np.zeros(1), 0.0, 0.0, 0.0, inf, 0
+    total, irradiance, size, tail, count = np.zeros(1), 0.0, 0.0, inf, 0
     for moments, flux in _orders(grid, scattering, albedo, has_mean=mean_radiance is None):
         count += 1
         total, irradiance = total + moments, irradiance + flux
         reference = _mean_radiance_of(total) if mean_radiance is None else mean_radiance
-        size, ratio, tail = _progress(moments, reference, size)
+        size, tail = _progress(moments, reference, size)
         if tail <= tolerance or count == max_orders:
             break
     return _SolvedBlock(
@@ -654,7 +645,6 @@ def _solve_block(
         diffuse_irradiance=irradiance,
         orders=count,
         tail=tail,
-        ratio=ratio,
     )
 
 
@@ -797,16 +787,16 @@ def _carry(grid: Grid, source: NDArray[np.float64], ground: NDArray[np.float64])
 
 def _progress(
     moments: NDArray[np.float64], mean_radiance: NDArray[np.float64], size_before: float
-) -> tuple[float, float, float]:
-    """Size of an order, its ratio to the one before, and the estimated tail."""
+) -> tuple[float, float]:
+    """Size of an order, and the estimated tail."""
     largest = np.max(np.abs(moments), axis=(0, 2, 3)) / 2.0
     share = np.zeros_like(largest)
     np.divide(largest, mean_radiance, out=share, where=mean_radiance > 0.0)
     size = float(np.max(share))
     if size == 0.0:
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0
     ratio = size / size_before if size_before > 0.0 else 1.0
-    return size, ratio, size * ratio / (1.0 - ratio) if ratio < 1.0 else inf
+    return size, size * ratio / (1.0 - ratio) if ratio < 1.0 else inf
 
 
 def _mode_blocks(degree: int, aerosol: AerosolKind) -> list[tuple[range, bool]]:
@@ -824,70 +814,3 @@ def _mode_blocks(degree: int, aerosol: AerosolKind) -> list[tuple[range, bool]]:
 def _full_depth(layers: Sequence[Layer]) -> float:
     """Extinction optical depth of all layers."""
     return sum(layer.full_depth for layer in layers)
-
-
-def _estimate_error(
-    grid: Grid, coefficients: NDArray[np.float64], blocks: Sequence[_SolvedBlock], albedo: float
-) -> float:
-    """Estimated error of quadrature and omitted orders, as a share of the mean radiance that leaves.
-
-    The larger share of the light that leaves at the top and at the ground; the errors of the blocks are added.
-    """
-    fine = _refined(grid)
-    residuals = [_residual(fine, coefficients, block, albedo) for block in blocks]
-    change = np.zeros(2)
-    for block, (missed, _) in zip(blocks, residuals, strict=True):
-        change += missed / (1.0 - min(block.ratio, _LARGEST_RATIO))
-    mean = residuals[0][1]
-    share = np.divide(change, mean, out=np.zeros(2), where=mean > 0.0)
-    return float(np.max(share)) + sum(block.tail for block in blocks)
-
-
-def _refined(grid: Grid) -> Grid:
-    """Grid with every element halved and a quarter more directions."""
-    middles = (grid.edges[:-1] + grid.edges[1:]) / 2.0
-    edges = np.insert(grid.edges, np.arange(1, grid.edges.size), middles)
-    nodes, weights = gauss_nodes(grid.nodes.size + ceil(grid.nodes.size / 4))
-    return Grid(edges=edges, nodes=nodes, weights=weights, mu0=grid.mu0)
-
-
-_LOWEST_MU = 0.0175  # cosine of 89 degrees: lower lines of sight contain the source of one level only
-
-
-def _residual(
-    fine: Grid, coefficients: NDArray[np.float64], block: _SolvedBlock, albedo: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the change, by one more order on a finer grid, of the radiance that leaves, and its mean, shape (2,) each.
-
-    Light leaves upward at the top and downward at the ground. The integral of an exact solution on the finer grid would
-    reproduce it. The error is larger than this change by at most 1/(1 - ratio of successive orders).
-
-    definition (residual of an integral equation of the second kind)
-    """
-    halved = np.repeat(coefficients, 2, axis=0)
-    scattering = _scattering_of(fine, halved, modes=block.modes, polarized=block.polarized)
-    guess = _read_at_fine_levels(block.moments)
-    source = scattered_source(scattering, guess, fine)
-    irradiance = block.diffuse_irradiance + _direct_irradiance(fine) if 0 in block.modes else 0.0
-    ground = _ground_light(fine, scattering, albedo * irradiance)
-    radiance = _carry(fine, source, ground) + _carry_beam(fine, _beam_source(scattering, fine), np.zeros_like(ground))
-    change = project(scattering, radiance) - guess
-    effect = _carry(fine, scattered_source(scattering, change, fine), np.zeros_like(ground))
-    seen = fine.nodes > _LOWEST_MU
-    leaving = np.stack([effect[0, :, 1, seen], effect[-1, :, 0, seen]])
-    outward = np.stack([radiance[0, 0, 1, :, 0], radiance[-1, 0, 0, :, 0]])
-    return np.sum(np.max(np.abs(leaving), axis=(1, 3)), axis=1), np.abs(outward) @ fine.weights
-
-
-# A parabola through the points of an element, read at the points 0, 1/4, 1/2 and 3/4 of it.
-_QUARTERS = np.array([[1.0, 0.0, 0.0], [0.375, 0.75, -0.125], [0.0, 1.0, 0.0], [-0.125, 0.75, 0.375]])
-
-
-def _read_at_fine_levels(moments: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Moments (M, 2E + 1, L, S) by their parabolas at the 4E + 1 levels of halved elements."""
-    modes, levels, degrees, stokes_count = moments.shape
-    elements = levels // 2
-    points = moments[:, 2 * np.arange(elements)[:, np.newaxis] + np.arange(3)]
-    quarters = np.einsum("qp,mepls->meqls", _QUARTERS, points)
-    inner = quarters.reshape(modes, 4 * elements, degrees, stokes_count)
-    return np.concatenate([inner, moments[:, -1:]], axis=1)

@@ -205,7 +205,7 @@ def normalized_moments(stokes: Moments) -> Moments:
     Parameters
     ----------
     stokes
-        Moments of one Stokes vector, shape (3,), S0 > 0.
+        Moments of Stokes vectors, shape (..., 3), S0 > 0.
 
     Raises
     ------
@@ -217,17 +217,19 @@ def normalized_moments(stokes: Moments) -> Moments:
     Definition; delta method.
     """
     s0, s1, s2 = _with_light(stokes)
-    jacobian = np.array([[-s1 / s0**2, 1.0 / s0, 0.0], [-s2 / s0**2, 0.0, 1.0 / s0]])
-    return propagate_first_order(stokes, np.array([s1 / s0, s2 / s0]), jacobian)
+    none = np.zeros_like(s0)
+    rows = [-s1 / s0**2, 1.0 / s0, none, -s2 / s0**2, none, 1.0 / s0]
+    jacobian = np.stack(rows, axis=-1).reshape(*s0.shape, 2, 3)
+    return propagate_first_order(stokes, np.stack([s1 / s0, s2 / s0], axis=-1), jacobian)
 
 
 def aolp_moments_rad(stokes: Moments) -> Moments:
-    """Return first-order moments, one component, of the AoLP of a Stokes vector [rad].
+    """Return first-order moments, one component, of the AoLP of Stokes vectors [rad].
 
     Parameters
     ----------
     stokes
-        Moments of one Stokes vector, shape (3,), polarised.
+        Moments of Stokes vectors, shape (..., 3), polarised.
 
     Returns
     -------
@@ -246,10 +248,11 @@ def aolp_moments_rad(stokes: Moments) -> Moments:
     """
     _, s1, s2 = _with_light(stokes)
     squared = s1 * s1 + s2 * s2
-    if squared == 0.0:
+    if np.any(squared == 0.0):
         raise ValueError("S1 and S2 are both 0: unpolarised light has no angle of polarization")
-    jacobian = np.array([[0.0, -s2 / (2.0 * squared), s1 / (2.0 * squared)]])
-    return propagate_first_order(stokes, np.array([float(aolp_rad(stokes.mean))]), jacobian)
+    rows = [np.zeros_like(squared), -s2 / (2.0 * squared), s1 / (2.0 * squared)]
+    jacobian = np.stack(rows, axis=-1)[..., None, :]
+    return propagate_first_order(stokes, aolp_rad(stokes.mean)[..., None], jacobian)
 
 
 def channel_ratios(channels: Moments) -> tuple[FloatArray, FloatArray]:
@@ -418,9 +421,10 @@ def _checked_channels(plan: Design, channels: ArrayLike) -> FloatArray:
 
 
 def _with_light(stokes: Moments) -> FloatArray:
-    if not stokes.mean[0] > 0.0:
-        raise ValueError(f"S0 is {stokes.mean[0]:g}; normalised Stokes parameters need S0 above 0")
-    return stokes.mean
+    """Return the means by component, shape (3, ...)."""
+    if not np.all(stokes.mean[..., 0] > 0.0):
+        raise ValueError(f"S0 is {np.min(stokes.mean[..., 0]):g}; normalised Stokes parameters need S0 above 0")
+    return np.moveaxis(stokes.mean, -1, 0)
 
 
 # Quantile of the standard normal distribution to which a two-sided interval of 95 % reaches.

@@ -6,8 +6,8 @@ polynomial follows them. `illuminate` puts sun, sky and ground together, `hemisp
 the hemisphere of a panel.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Protocol
 
@@ -157,7 +157,7 @@ class SampledSky:
             raise ValueError("zenith_rad must be 0 to pi/2 rad: there is no sky below the horizon")
         upward, around = (degrees - 1 for degrees in self.series.shape[1:])
         at_phi = self.series @ chebvander(np.cos(phi.ravel()), around).T
-        even: FloatArray = np.einsum("kzr,zr->rk", at_phi, chebvander(1.0 - 4.0 / np.pi * zenith.ravel(), upward).T)
+        even: FloatArray = np.einsum("kzr,zr->rk", at_phi, _upward(zenith.ravel(), upward).T)
         even *= _brightening(zenith.ravel(), self.depth)[:, np.newaxis]
         even[:, 0] *= self.aureole(zenith_rad=zenith.ravel(), phi_rad=phi.ravel())
         even[:, 2] *= np.sin(phi.ravel())
@@ -176,31 +176,39 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
     samples = sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
     beside = np.clip(sun_zenith_rad + _PROBED_BESIDE_SUN_RAD, 0.0, 0.5 * np.pi)
     steps_rad = np.pi / azimuths * np.array(_PROBED_STEPS)
-    zenith, phi = np.meshgrid(np.concatenate([beside, _PROBED_ZENITH_RAD]), steps_rad)
+    zenith, phi = (one.ravel() for one in np.meshgrid(np.concatenate([beside, _PROBED_ZENITH_RAD]), steps_rad))
     exact = sky(zenith_rad=zenith, phi_rad=phi)
-    lit = exact[..., 0] > 0.0
+    lit = exact[:, 0] > 0.0
+    # From values at the nodes of a meridian to those at the probed zenith angles.
+    along = _upward(zenith, zeniths) @ _cosines(np.eye(zeniths + 1), axis=0)
 
-    def with_error(sampled: SampledSky) -> SampledSky:
-        apart = np.max(np.abs(sampled(zenith_rad=zenith, phi_rad=phi) - exact), axis=-1)
-        return replace(sampled, relative_error=float(np.max(apart[lit] / exact[lit, 0], initial=0.0)))
-
-    def best(aureoles: Iterable[Aureole], depths: Iterable[float]) -> SampledSky:
-        found = [_over(aureole, depth, nodes_rad, phi_rad, samples) for aureole in aureoles for depth in depths]
-        return min(map(with_error, found), key=lambda sampled: sampled.relative_error)
+    def errors(aureole: Aureole, depths: Sequence[float]) -> list[float]:
+        """Return what the series misses at the probed directions for each depth of the brightening, relative to S0."""
+        at_phi = _around(_without(aureole, samples, nodes_rad, phi_rad)) @ chebvander(np.cos(phi), azimuths).T
+        at_nodes, probed = (np.stack([_brightening(rad, depth) for depth in depths]) for rad in (nodes_rad, zenith))
+        found = np.einsum("pz,dz,kzp->dpk", along, 1.0 / at_nodes, at_phi) * probed[..., np.newaxis]
+        found[..., 0] *= aureole(zenith_rad=zenith, phi_rad=phi)
+        found[..., 2] *= np.sin(phi)
+        apart = np.max(np.abs(found - exact), axis=-1)[:, lit] / exact[lit, 0]
+        return np.max(apart, axis=-1, initial=0.0).tolist()  # type: ignore[no-any-return]
 
     # In a sky without an aureole the division may bend the sky more than it was; so may that by the brightening.
-    aureole = aureole_of(sky, sun_zenith_rad)
-    depth = best((aureole,), (0.0, *_thin_depth(nodes_rad, samples), *_DEPTHS)).depth
-    return best((aureole, NO_AUREOLE), (depth, 0.0))
+    depths, aureole = (0.0, *_thin_depth(nodes_rad, samples), *_DEPTHS), aureole_of(sky, sun_zenith_rad)
+    of_depths = errors(aureole, depths)
+    depth = depths[int(np.argmin(of_depths))]
+    tried = [(aureole, depth), (aureole, 0.0), (NO_AUREOLE, depth), (NO_AUREOLE, 0.0)]
+    found = [min(of_depths), of_depths[0], *errors(NO_AUREOLE, (depth, 0.0))]
+    best = int(np.argmin(found))
+    chosen, depth = tried[best]
+    smooth = _around(_without(chosen, samples, nodes_rad, phi_rad)) / _brightening(nodes_rad, depth)[:, np.newaxis]
+    return SampledSky(series=_cosines(smooth, axis=1), aureole=chosen, depth=depth, relative_error=found[best])
 
 
-def _over(
-    aureole: Aureole, depth: float, nodes_rad: FloatArray, phi_rad: FloatArray, samples: FloatArray
-) -> SampledSky:
-    """Sky of samples, shape (Z, A, 3), whose light is divided by a brightening and its radiance by an aureole."""
-    smooth = samples / _brightening(nodes_rad, depth)[:, np.newaxis, np.newaxis]
+def _without(aureole: Aureole, samples: FloatArray, nodes_rad: FloatArray, phi_rad: FloatArray) -> FloatArray:
+    """Return samples, shape (Z, A, 3), with the radiance divided by an aureole."""
+    smooth = samples.copy()
     smooth[..., 0] /= aureole(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
-    return SampledSky(series=_series(smooth), aureole=aureole, depth=depth, relative_error=0.0)
+    return smooth
 
 
 def _thin_depth(nodes_rad: FloatArray, samples: FloatArray) -> tuple[float, ...]:
@@ -225,8 +233,8 @@ def _brightening(zenith_rad: FloatArray, depth: float) -> FloatArray:
 def sample_smooth(sky: Sky, *, zeniths: int, azimuths: int) -> SampledSky:
     """Return a sky without an aureole sampled over the hemisphere, such as the difference of two skies."""
     nodes_rad, phi_rad = _grid(zeniths, azimuths)
-    series = _series(sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad))
-    return SampledSky(series=series, aureole=NO_AUREOLE, depth=0.0, relative_error=0.0)
+    around = _around(sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad))
+    return SampledSky(series=_cosines(around, axis=1), aureole=NO_AUREOLE, depth=0.0, relative_error=0.0)
 
 
 def _grid(zeniths: int, azimuths: int) -> tuple[FloatArray, FloatArray]:
@@ -238,8 +246,13 @@ def _grid(zeniths: int, azimuths: int) -> tuple[FloatArray, FloatArray]:
     return nodes_rad, np.pi * np.arange(azimuths + 1) / azimuths
 
 
-def _series(samples: FloatArray) -> FloatArray:
-    """Coefficients of samples (Z, A, 3) on the grid, as `SampledSky` has them."""
+def _upward(zenith_rad: FloatArray, degree: int) -> FloatArray:
+    """Chebyshev polynomials of zenith angles, shape (R, degree + 1)."""
+    return np.asarray(chebvander(1.0 - 4.0 / np.pi * zenith_rad, degree))
+
+
+def _around(samples: FloatArray) -> FloatArray:
+    """Coefficients over azimuth of samples (Z, A, 3) on the grid, shape (3, Z, A), as `SampledSky` has them."""
     steps = samples.shape[1] - 1
     odd = np.concatenate([samples[..., 2], -samples[:, -2:0:-1, 2]], axis=1)
     odd[:, [0, steps]] = 0.0
@@ -248,8 +261,7 @@ def _series(samples: FloatArray) -> FloatArray:
     degree = np.arange(steps + 1)[:, np.newaxis]
     mode = np.arange(1, steps)
     below = np.where((degree < mode) & ((mode - degree) % 2 == 1), np.where(degree == 0, 1.0, 2.0), 0.0)
-    around = [*np.moveaxis(_cosines(samples[..., :2], axis=1), -1, 0), sines @ below.T]
-    return _cosines(np.stack(around), axis=1)
+    return np.stack([*np.moveaxis(_cosines(samples[..., :2], axis=1), -1, 0), sines @ below.T])
 
 
 def _cosines(samples: FloatArray, *, axis: int) -> FloatArray:
