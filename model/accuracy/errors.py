@@ -42,6 +42,7 @@ from model.accuracy.plan import (
     Plan,
     SpectralError,
     at_level,
+    kept_forecast,
     spectral_error,
     unused,
 )
@@ -97,11 +98,11 @@ _ZENITHS, _AZIMUTHS = 12, 10
 _ANY_SIGN, _OF_LARGEST = 0.5, np.array([2e-3, 4e-4, 4e-4])
 # Steps of the finer grid beside which it is set, over its own.
 _FINER_GRID = 1.5
-# Where all of the reflected sky may be off by a grid's largest error of any direction, and that is below this share of
-# the tolerance, the grid needs no closer look.
-_HARMLESS = 0.02
-# What the references of a sky depend on, whoever looks at it.
-_OF_SKY = (STREAMS, LAYERS, WAVELENGTHS, SKY_GRID)
+# Light that may be off by no more than this share of the tolerance, whatever its direction, needs no closer look.
+_HARMLESS = 0.01
+# Settings of a solution, and all that the references of a sky depend on, whoever looks at it.
+_SOLVED = (STREAMS, LAYERS)
+_OF_SKY = (*_SOLVED, WAVELENGTHS, SKY_GRID)
 # Parts of the light that a source has, the error of the transmittance being that of all that is reflected.
 _PARTS: dict[Source, frozenset[str]] = {
     "total": frozenset({"reflected_sky", "path", "reflected"}),
@@ -127,7 +128,7 @@ def light_errors(
     idle, air, illumination = unused(result.effects), scene.air, result.illumination
     of_sky = store.once(
         ("references", air.key, tuple(plan[name] for name in _OF_SKY), result.settings.solver, result.effects),
-        lambda: _references(air, plan, result.settings, illumination, store, solved=STREAMS not in idle),
+        lambda: _References(air, plan, result.settings, illumination, store),
     )
     every = {
         (place, region.name): _lines_of_sight(one, region, found.lights[region.name])
@@ -135,15 +136,21 @@ def light_errors(
         for region in one.regions
         if region.surface is not None
     }
-    of_settings: dict[str, Errors] = {
-        setting: _between(pair, of_sky.skies[setting], every, scene.source) for setting, pair in of_sky.pairs.items()
-    }
+    of_settings: dict[str, Errors] = {}
+    if STREAMS not in idle and of_sky.pair is not None:
+        solved = _off_by(1.0, every, scene.source, _SCATTERED, tolerance=tolerance)
+        left = {key: lines for key, lines in every.items() if key not in solved}
+        solved |= _between(of_sky.pair, of_sky.difference, left, scene.source) if left else {}
+        likely = kept_forecast(scene, result.effects, store, tolerance=tolerance).errors
+        streams, layers = (likely[name][plan[name]] if air.is_solved or name == LAYERS else 0.0 for name in _SOLVED)
+        for name, own in ((STREAMS, streams), (LAYERS, layers)):
+            of_settings[name] = {key: error.scaled(own / (streams + layers)) for key, error in solved.items()}
     if air.state is not None and WAVELENGTHS not in idle:
         of_settings[WAVELENGTHS] = _of_wavelengths(air, result.settings, every, scene.source)
     if HEMISPHERE not in idle:
-        of_settings[SKY_GRID] = _of_grid(of_sky.grid, cases, every, scene.source, tolerance=tolerance)
+        of_settings[SKY_GRID] = _of_grid(of_sky, every, scene.source, tolerance=tolerance)
         of_settings[HEMISPHERE] = {
-            key: _of_hemisphere(lines, of_sky.grid.largest, scene.source) for key, lines in every.items()
+            key: _of_hemisphere(lines, of_sky.of_grid, scene.source) for key, lines in every.items()
         }
     for setting, of_setting in of_settings.items():
         for (place, name), error in of_setting.items():
@@ -181,36 +188,75 @@ def error_budgets(cases: Sequence[LitCase], *, tolerance: float, tiles: bool = T
     return [_budget(case, of, found) for case, of, found in zip(cases, tried, changed, strict=True)]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+_SCATTERED: frozenset[str] = frozenset({"reflected_sky", "path"})
+
+
+def _off_by(
+    share: float, every: Lines, source: Source, parts: frozenset[str], *, tolerance: float
+) -> dict[tuple[int, str], LightError]:
+    """Return the errors of regions where parts of the light may be off by a share and that is harmless."""
+    found = {}
+    for key, lines in every.items():
+        sizes = share * sum((np.abs(lines.part(name)[:, :1]) for name in parts & _PARTS[source]), np.zeros((1, 1)))
+        if np.max(sizes) <= _HARMLESS * tolerance * np.min(np.abs(lines.part(source)[:, 0])):
+            found[key] = _error([], apart=sizes * np.ones(3))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
 class _References:
-    """What the errors of a sky are found by, whoever looks at it: pairs of lightings, their differences, its grid."""
+    """What the errors of a sky are found by, whoever looks at it; each is computed when it is first asked for."""
 
-    pairs: dict[str, _Pair]
-    skies: dict[str, SampledSky]
-    grid: _Grid
+    air: Air
+    plan: Plan
+    settings: Settings
+    illumination: Illumination
+    store: LightStore
 
+    @cached_property
+    def pair(self) -> _Pair | None:
+        """Lightings that differ in streams and layers; None for a table."""
+        return _beside(self.air, self.plan, self.settings, self.illumination.lighting, self.store)
 
-def _references(
-    air: Air, plan: Plan, settings: Settings, illumination: Illumination, store: LightStore, *, solved: bool
-) -> _References:
-    lighting = illumination.lighting
-    pairs = _refined_references(air, plan, settings, lighting, store) if solved else {}
-    ends = tuple(end.sky for end in _ends_of_band(lighting))
-    return _References(
-        pairs=pairs,
-        skies={setting: _difference(pair) for setting, pair in pairs.items()},
-        grid=_Grid(skies=ends, settings=settings, illumination=illumination),
-    )
+    @cached_property
+    def difference(self) -> SampledSky:
+        """Difference of the skies of the pair."""
+        pair = self.pair
+        if pair is None:
+            raise ValueError("a table has no streams and no layers")
 
+        def apart(*, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
+            one, other = (each.sky(zenith_rad=zenith_rad, phi_rad=phi_rad) for each in (pair.one, pair.other))
+            return pair.factor * (other - one)
 
-def _difference(pair: _Pair) -> SampledSky:
-    """Difference of the skies of a pair."""
+        return sample_smooth(apart, zeniths=_ZENITHS, azimuths=_AZIMUTHS)
 
-    def apart(*, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
-        one, other = (each.sky(zenith_rad=zenith_rad, phi_rad=phi_rad) for each in (pair.one, pair.other))
-        return pair.factor * (other - one)
+    @property
+    def of_grid(self) -> float:
+        """Largest relative error of the sky's grid in any direction."""
+        return self.illumination.diffuse_radiance.relative_error
 
-    return sample_smooth(apart, zeniths=_ZENITHS, azimuths=_AZIMUTHS)
+    @cached_property
+    def grid_differences(self) -> tuple[Sky, ...]:
+        """Skies of both ends of the band on the grid, minus the same on a finer one."""
+        return tuple(self._grid_difference(end.sky) for end in _ends_of_band(self.illumination.lighting))
+
+    def _grid_difference(self, sky: Sky) -> Sky:
+        coarse, fine = (
+            sample_sky(
+                sky,
+                sun_zenith_rad=self.illumination.sun_zenith_rad,
+                zeniths=round(finer * self.settings.sky_zeniths),
+                azimuths=round(finer * self.settings.sky_azimuths),
+            )
+            for finer in (1.0, _FINER_GRID)
+        )
+
+        def apart(*, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
+            found, nearer = (each(zenith_rad=zenith_rad, phi_rad=phi_rad) for each in (coarse, fine))
+            return found - nearer
+
+        return apart
 
 
 def _between(pair: _Pair, sky: Sky, every: Lines, source: Source) -> Errors:
@@ -260,69 +306,22 @@ def _of_way(error: SpectralError, light: ApertureLight) -> float:
     return error.transmittance(slant=-float(np.log(light.transmittance)) / error.mean_depth)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Grid:
-    """The grid on which the sky is kept, and skies of single wavelengths."""
-
-    skies: tuple[Sky, ...]
-    settings: Settings
-    illumination: Illumination
-
-    @property
-    def largest(self) -> float:
-        """Largest relative error of any direction."""
-        return self.illumination.diffuse_radiance.relative_error
-
-    @cached_property
-    def differences(self) -> tuple[Sky, ...]:
-        """Each of the skies on the grid, minus the same on a finer one."""
-        return tuple(self._difference(sky) for sky in self.skies)
-
-    def _difference(self, sky: Sky) -> Sky:
-        coarse, fine = (self._sampled(sky, finer) for finer in (1.0, _FINER_GRID))
-
-        def apart(*, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
-            found, nearer = (each(zenith_rad=zenith_rad, phi_rad=phi_rad) for each in (coarse, fine))
-            return found - nearer
-
-        return apart
-
-    def _sampled(self, sky: Sky, finer: float) -> Sky:
-        """Sky on a grid of so many times the steps."""
-        return sample_sky(
-            sky,
-            sun_zenith_rad=self.illumination.sun_zenith_rad,
-            zeniths=round(finer * self.settings.sky_zeniths),
-            azimuths=round(finer * self.settings.sky_azimuths),
-        )
-
-
 _NO_ROWS = np.zeros((0, 3))
 _NOTHING = LightError(together=_NO_ROWS, apart=np.zeros(3), field=np.zeros(3))
 
 
-def _of_grid(
-    grid: _Grid, cases: Sequence[tuple[LitScene, ChainResult]], every: Lines, source: Source, *, tolerance: float
-) -> Errors:
+def _of_grid(of_sky: _References, every: Lines, source: Source, *, tolerance: float) -> Errors:
     """Return the difference of the sky's grid from the sky itself, as the regions reflect both."""
-    if "reflected_sky" not in _PARTS[source]:
-        return dict.fromkeys(every, _NOTHING)
-
-    def is_harmless(place: int, name: str) -> bool:
-        light = cases[place][1].lights[name]
-        sky, everything = abs(light.mean("reflected_sky")[0]), abs(light.mean()[0])
-        return bool(grid.largest * sky <= _HARMLESS * tolerance * everything)
-
-    sizes = {key: grid.largest * np.abs(lines.part("reflected_sky")[:, :1]) for key, lines in every.items()}
-    found = {key: _error([], apart=sizes[key] * np.ones(3)) for key in every if is_harmless(*key)}
+    found = _off_by(of_sky.of_grid, every, source, frozenset({"reflected_sky"}), tolerance=tolerance)
     close = {key: lines for key, lines in every.items() if key not in found}
     if not close:
         return found
-    seen = [_reflected_by_all(tuple(close.values()), difference) for difference in grid.differences]
-    for key, *ends in zip(close, *seen, strict=True):
+    seen = [_reflected_by_all(tuple(close.values()), difference) for difference in of_sky.grid_differences]
+    for (key, lines), *ends in zip(close.items(), *seen, strict=True):
         errors = [_largest_last(end) for end in ends]
         any_sign = _ANY_SIGN * np.max(np.abs(np.concatenate(errors)), axis=0)
-        found[key] = _error(errors, apart=any_sign + _OF_LARGEST * sizes[key])
+        size = of_sky.of_grid * np.abs(lines.part("reflected_sky")[:, :1])
+        found[key] = _error(errors, apart=any_sign + _OF_LARGEST * size)
     return found
 
 
@@ -359,56 +358,38 @@ class _Pair:
     factor: float
 
 
-def _refined_references(
-    air: Air, plan: Plan, settings: Settings, lighting: Lighting, store: LightStore
-) -> dict[str, _Pair]:
-    """Return setting to a pair of lightings that shows its error.
+# What lies beyond the next level of both in the difference from this one: of streams the convergence is geometric, that
+# of layers square. In the difference from the level before, where there is no next one, lies at most so much.
+_BEYOND, _BEFORE = 1.6, 0.5
+
+
+def _beside(air: Air, plan: Plan, settings: Settings, lighting: Lighting, store: LightStore) -> _Pair | None:
+    """Return the shortest wavelength as it is and with more streams and layers: errors of both together, with signs.
 
     Light scattered once has no streams, and a table has neither.
     """
     if isinstance(lighting, MixedLighting) and air.alternative is not None:
-        return _mixed(air, air.alternative, plan, settings, lighting, store)
+        one = _beside(replace(air, alternative=None, share=0.0), plan, settings, lighting.first, store)
+        other = _beside(air.alternative, plan, settings, lighting.second, store)
+        if one is None or other is None:
+            return None
+        return _Pair(
+            one=MixedLighting(first=one.one, second=other.one, share=air.share),
+            other=MixedLighting(first=one.other, second=other.other, share=air.share),
+            factor=max(one.factor, other.factor),
+        )
     band = lighting.path_and_beam if isinstance(lighting, AnalyticLighting) else lighting
     if not isinstance(band, BandLighting):
-        return {}
-    settings_of_sky = (STREAMS, LAYERS) if air.is_solved else (LAYERS,)
-    return {setting: _next_level(air, plan, settings, band, setting, store) for setting in settings_of_sky}
-
-
-def _mixed(
-    air: Air, alternative: Air, plan: Plan, settings: Settings, lighting: MixedLighting, store: LightStore
-) -> dict[str, _Pair]:
-    alone = _refined_references(replace(air, alternative=None, share=0.0), plan, settings, lighting.first, store)
-    other = _refined_references(alternative, plan, settings, lighting.second, store)
-    return {
-        setting: _Pair(
-            one=MixedLighting(first=pair.one, second=other[setting].one, share=air.share),
-            other=MixedLighting(first=pair.other, second=other[setting].other, share=air.share),
-            factor=max(pair.factor, other[setting].factor),
-        )
-        for setting, pair in alone.items()
-    }
-
-
-# Streams do not care for layers nor layers for streams: each is compared with few of the other, layers with the second
-# fewest streams, for with the fewest they seem to miss more. Up to this level of the layers the plan's own of both are
-# as few, for they are solved already.
-_FEW, _CHEAP = {STREAMS: 0, LAYERS: 1}, 1
-# What lies beyond the next level, in its difference from this one, by the convergence of the setting; and in the
-# difference from the level before, where there is no next one.
-_BEYOND = {STREAMS: (1.6,) * 6, LAYERS: (4 / 3, 1.1, 1.1, 1.1, 1.1)}
-_BEFORE = {STREAMS: 0.5, LAYERS: 0.1}
-
-
-def _next_level(air: Air, plan: Plan, settings: Settings, band: BandLighting, setting: str, store: LightStore) -> _Pair:
-    """Return the shortest wavelength at this level and at the next, or at the one before where there is none."""
-    other = LAYERS if setting == STREAMS else STREAMS
-    coarse = settings if plan[LAYERS] <= _CHEAP else at_level(settings, other, _FEW[setting])
-    is_finest = plan[setting] + 1 == len(NUMERICAL_SETTINGS[setting].levels)
-    neighbour = plan[setting] - 1 if is_finest else plan[setting] + 1
-    here, there = (_solved(air, at_level(coarse, setting, level), band, store) for level in (plan[setting], neighbour))
-    beyond = _BEFORE[setting] if is_finest else _BEYOND[setting][plan[setting]]
-    return _Pair(one=_seen(air, here), other=_seen(air, there), factor=beyond)
+        return None
+    is_finest = any(plan[name] + 1 == len(NUMERICAL_SETTINGS[name].levels) for name in _SOLVED)
+    finer = settings
+    for name in _SOLVED:
+        finer = at_level(finer, name, max(plan[name] - 1, 0) if is_finest else plan[name] + 1)
+    return _Pair(
+        one=_seen(air, _alone(band, slice(1))),
+        other=_seen(air, _solved(air, finer, band, store)),
+        factor=_BEFORE if is_finest else _BEYOND,
+    )
 
 
 def _seen(air: Air, band: BandLighting) -> Lighting:

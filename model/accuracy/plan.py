@@ -6,7 +6,7 @@ plan where to begin. The errors that a result states are estimated on its own sc
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from math import isqrt
@@ -162,7 +162,7 @@ NUMERICAL_SETTINGS: Mapping[str, NumericalSetting] = MappingProxyType(
     {
         # Convergence: geometric above the length of the phase function's expansion.
         STREAMS: NumericalSetting(
-            estimate="the shortest wavelength, coarse layers, beside the next level",
+            estimate="the shortest wavelength, beside the next level of streams and layers",
             levels=_levels(
                 tuple(f"{n} a hemisphere" for n in _STREAMS),
                 (5e-3, 1.5e-3, 5e-4, 6e-5, 4e-6, 3e-7, 1e-7),
@@ -171,7 +171,7 @@ NUMERICAL_SETTINGS: Mapping[str, NumericalSetting] = MappingProxyType(
         ),
         # Convergence: square of the thickness; its fourth power where two are extrapolated to none.
         LAYERS: NumericalSetting(
-            estimate="the shortest wavelength, few streams, beside the next level",
+            estimate="the shortest wavelength, beside the next level of streams and layers",
             levels=_levels(
                 tuple(f"{15 * n} and {30 * n}" if both else f"{15 * n}" for n, both in _LAYERS),
                 (1.5e-3, 4e-4, 1e-5, 5e-7, 6e-8, 6e-9),
@@ -231,7 +231,7 @@ def first_plan(
     scene: LitScene, *, tolerance: float, store: LightStore, effects: frozenset[Effect] = ALL, under_sky: int = 1
 ) -> dict[str, int]:
     """Return the plan to begin with, of a scene of which nothing is known yet."""
-    ahead, left_out = kept_forecast(scene, effects, store, under_sky=under_sky), unused(effects)
+    ahead, left_out = kept_forecast(scene, effects, store, tolerance=tolerance, under_sky=under_sky), unused(effects)
     are_many = under_sky >= _MANY
     likely = {} if are_many else _LIKELY
     scales = {name: 0.0 if name in left_out else likely.get(name, 1.0) for name in NUMERICAL_SETTINGS}
@@ -263,7 +263,7 @@ def plan_beside(
     Definition: the likely errors of the scene, scaled as those of its neighbour were, for those readings that a
     setting, or all together, act on most.
     """
-    ahead, left_out = kept_forecast(scene, effects, store), unused(effects)
+    ahead, left_out = kept_forecast(scene, effects, store, tolerance=tolerance), unused(effects)
     plan = _least_beside(scene, neighbour, sky, left_out)
     kept = [key for key in budget.total if key not in unsure]
     if not kept:
@@ -386,29 +386,39 @@ class Forecast:
         return sum(scales[name] * self.errors[name][level] for name, level in plan.items())
 
 
-def kept_forecast(scene: LitScene, effects: frozenset[Effect], store: LightStore, *, under_sky: int = 1) -> Forecast:
+def kept_forecast(
+    scene: LitScene, effects: frozenset[Effect], store: LightStore, *, tolerance: float, under_sky: int = 1
+) -> Forecast:
     """Return the forecast of a scene, made once for all under its sky."""
-    air = None if scene.air is None else scene.air.key
-    return store.once(("forecast", air, effects, under_sky), lambda: forecast(scene, effects, under_sky=under_sky))
+    key = ("forecast", None if scene.air is None else scene.air.key, effects, tolerance, under_sky)
+    return store.once(key, lambda: forecast(scene, effects, tolerance=tolerance, under_sky=under_sky))
 
 
-def forecast(scene: LitScene, effects: frozenset[Effect] = ALL, *, under_sky: int = 1) -> Forecast:
+def forecast(
+    scene: LitScene, effects: frozenset[Effect] = ALL, *, tolerance: float = 0.0, under_sky: int = 1
+) -> Forecast:
     """Return the likely errors and efforts of all levels of all settings.
 
     The wavelengths are looked at for the scene itself: a narrow band needs one where a wide one needs four. So are the
-    streams: the terms of a Henyey-Greenstein function fall as powers of its asymmetry.
+    streams: the terms of a Henyey-Greenstein function fall as powers of its asymmetry. All errors of the sky are
+    shares of the light that air scatters, and thin air scatters little.
     """
     errors = {name: tuple(level.error for level in setting.levels) for name, setting in NUMERICAL_SETTINGS.items()}
     efforts = {name: tuple(level.effort for level in setting.levels) for name, setting in NUMERICAL_SETTINGS.items()}
-    found = [_of_wavelengths(air) for air in _computed(scene) if Effect.WAVELENGTHS in effects]
+    found = [_of_wavelengths(air, tolerance) for air in _computed(scene) if Effect.WAVELENGTHS in effects]
     if found:
         errors[WAVELENGTHS] = tuple(max(each) for each in zip(*(error for error, _ in found), strict=True))
         efforts[WAVELENGTHS] = tuple(max(each) for each in zip(*(effort for _, effort in found), strict=True))
-    if _computed(scene):
-        errors[STREAMS] = _of_streams(max(_asymmetry(air) for air in _computed(scene)))
+    if columns := [_middle(air) for air in _computed(scene)]:
+        errors[STREAMS] = _of_streams(max(max(one.lower.g, one.upper.g) for one in columns))
+        share = min(1.0, _SCATTERED * max(one.depth for one in columns))
+        errors |= {name: tuple(share * error for error in errors[name]) for name in (*_OF_SKY, HEMISPHERE)}
     return Forecast(errors=errors, efforts=efforts, under_sky=under_sky)
 
 
+# Light that air scatters, over that of the beam, in optical depths; a low sun or a panel that mirrors only sky has
+# more, and then a second plan follows.
+_SCATTERED = 10.0
 # The convergence of the tiles is taken to be no steeper, for few tiles do not show a kink, and no flatter.
 _FASTEST, _SLOWEST = 0.05, 0.7
 # What streams miss, over the first term of the scattering function that they do not resolve; molecules have as much
@@ -421,11 +431,21 @@ def _of_streams(asymmetry: float) -> tuple[float, ...]:
     return tuple((_OF_TERM * max(asymmetry, _LEAST_ASYMMETRY) ** (2.0 * counts)).tolist())
 
 
-def _of_wavelengths(air: Air) -> tuple[tuple[float, ...], tuple[float, ...]]:
+# Finer wavelengths than with this share of the tolerance are not looked at: they err less as those of the table do.
+_FINE_ENOUGH = 0.02
+
+
+def _of_wavelengths(air: Air, tolerance: float) -> tuple[list[float], list[float]]:
     lowest = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), 1e-2)
-    levels = range(len(NUMERICAL_SETTINGS[WAVELENGTHS].levels))
-    found = spectral_errors(air, [at_level(lowest, WAVELENGTHS, level) for level in levels])
-    return tuple(one.scattered for one in found), tuple(float(one.rule.wavelength_m.size) for one in found)
+    levels = NUMERICAL_SETTINGS[WAVELENGTHS].levels
+    errors, efforts = [one.error for one in levels], [one.effort for one in levels]
+    every = spectral_errors(air, (at_level(lowest, WAVELENGTHS, level) for level in range(len(levels))))
+    for level, found in enumerate(every):
+        efforts[level] = float(found.rule.wavelength_m.size)
+        errors[level:] = [found.scattered * error / errors[level] for error in errors[level:]]
+        if found.scattered <= _FINE_ENOUGH * tolerance:
+            break
+    return errors, efforts
 
 
 def unused(effects: frozenset[Effect]) -> frozenset[str]:
@@ -510,12 +530,6 @@ def _computed(scene: LitScene) -> list[Air]:
     return [air for air in airs if air is not None and air.state is not None]
 
 
-def _asymmetry(air: Air) -> float:
-    """Return the largest of the aerosol in the middle of the band."""
-    middle = _middle(air)
-    return max(middle.lower.g, middle.upper.g)
-
-
 def _middle(air: Air) -> Column:
     """Column of air at the middle of the band."""
     if air.state is None:
@@ -547,7 +561,7 @@ class SpectralError:
 
 def spectral_error(air: Air, settings: Settings) -> SpectralError:
     """Return what the wavelengths of some settings leave out, before anything is solved."""
-    return spectral_errors(air, (settings,))[0]
+    return next(spectral_errors(air, (settings,)))
 
 
 # Of the angles by which aerosol scatters: backward, aside, and toward the aureole.
@@ -564,8 +578,8 @@ _UNLIKE = 0.6
 _ROUNDING = 1e-11
 
 
-def spectral_errors(air: Air, several: Sequence[Settings]) -> tuple[SpectralError, ...]:
-    """Return what `spectral_error` does for each of several settings.
+def spectral_errors(air: Air, several: Iterable[Settings]) -> Iterator[SpectralError]:
+    """Yield what `spectral_error` returns for each of several settings.
 
     The functions are light scattered once, on a slant depth m tau, by molecules or by aerosol at one of three angles,
     without and with a share that is scattered twice; each without and with the loss of the beam on its whole way. The
@@ -583,17 +597,14 @@ def spectral_errors(air: Air, several: Sequence[Settings]) -> tuple[SpectralErro
     whole = spectrum_of(everything)
     present = [k for k, part in enumerate(whole.parts) if np.any(part > _ROUNDING)]
     true = {k: whole.sums(whole.parts[k]) for k in present}
-    kinks = kinks_m(state, aerosol=air.aerosol) if any(one.split_at_kinks for one in several) else ()
-    rules = [
-        spectral_rule(
+    for one in several:
+        rule = spectral_rule(
             wavelength_m=everything.wavelength_m,
             irradiance=everything.irradiance,
             count=one.wavelengths,
-            kinks_m=kinks if one.split_at_kinks else (),
+            kinks_m=kinks_m(state, aerosol=air.aerosol) if one.split_at_kinks else (),
         )
-        for one in several
-    ]
-    return tuple(_error_of(rule, spectrum_of(rule), whole, true) for rule in rules)
+        yield _error_of(rule, spectrum_of(rule), whole, true)
 
 
 def _error_of(rule: SpectralRule, few: _Spectrum, whole: _Spectrum, true: Mapping[int, FloatArray]) -> SpectralError:

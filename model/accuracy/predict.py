@@ -497,7 +497,7 @@ class _Run:
     ) -> Iterator[Predicted]:
         """Yield cases under one sky, the first evaluation and errors of all at once, then each refined on its own."""
         scenes, acting = [self._scenes[place] for place in places], self._acting - left_out
-        depth, ahead = optical_depth(scenes[0]), kept_forecast(scenes[0], acting, self._store)
+        depth, ahead = optical_depth(scenes[0]), kept_forecast(scenes[0], acting, self._store, tolerance=aim)
         is_deep = depth > DEEPEST
         plan = (
             {name: min(level, _OF_DEEP.get(name, level)) for name, level in start.items()} if is_deep else dict(start)
