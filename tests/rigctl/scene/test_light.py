@@ -215,7 +215,7 @@ def test_depths_measured_at_two_wavelengths_say_the_same_as_depth_and_exponent(t
     measured = f'tier = "fast"\nmeasured_depths = [{depths}]\nwavelengths = 2\n'
     stated = f'tier = "fast"\naerosol_optical_depth = {depth}\nangstrom_exponent = {exponent}\nwavelengths = 2\n'
     one, other = (paint(predictor(tmp_path, store, air)) for air in (measured, stated))
-    np.testing.assert_allclose(one, other, rtol=1e-9)
+    np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12 * one[0])  # S2 is 0 but for rounding
 
 
 def test_a_measured_depth_is_a_number_of_the_scene(tmp_path, store):
