@@ -21,9 +21,8 @@ from benchmarks.trials.harness import is_low_enough, over, scratch
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measure.measure import MeasuredRegion, measure
-from rigctl.runs.folder import Run, read_run
-from rigctl.runs.records import FrameRecord
-from rigctl.runs.writer import RunWriter
+from rigctl.runs.folder import Run
+from tests.rigctl.made_runs import at, make_run
 from rigctl.verbs.compare import compare_run
 
 Array = NDArray[np.float64]
@@ -129,23 +128,13 @@ def frames_of(case: Case, seed: int) -> list[list[NDArray[np.uint16]]]:
 
 def run_of(case: Case, seed: int, path: Path) -> Run:
     """Return the frames of a seed as a run."""
-    with RunWriter.create(path, {"origin": "import"}) as writer:
-        for sequence, counts in enumerate(one for cycle in frames_of(case, seed) for one in cycle):
-            cycle, place = divmod(sequence, len(case.angles_deg))
-            facts = FrameRecord(
-                kind="scene",
-                sequence=sequence,
-                cycle=cycle,
-                polarizer_angle_target_deg=case.angles_deg[place],
-                polarizer_angle_deg=case.angles_deg[place],
-                bit_depth=case.bits,
-                saturation_dn=float(2**case.bits - 1),
-                black_level_dn=case.black_dn,
-                exposure_s=0.01,
-            )
-            writer.write_frame(facts, counts)
-        writer.closing_event("finished", frames=case.cycles * len(case.angles_deg))
-    return read_run(path)
+    known = {"bit_depth": case.bits, "saturation_dn": 2.0**case.bits - 1.0, "black_level_dn": case.black_dn}
+    frames = [
+        (at(angle, cycle=cycle, exposure_s=0.01, **known), counts)
+        for cycle, of_cycle in enumerate(frames_of(case, seed))
+        for angle, counts in zip(case.angles_deg, of_cycle, strict=True)
+    ]
+    return make_run(path, frames)
 
 
 REGION = Region(name="paint", rectangle=Rectangle(x=BORDER, y=BORDER, width=SIDE, height=SIDE))

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.runs.folder import Run, read_run
-from rigctl.runs.records import FrameRecord
-from rigctl.runs.writer import RunWriter
+from rigctl.runs.folder import Run
+from tests.rigctl.made_runs import at, make_run
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 # As they are taken: 0, 90, 45, 135.
@@ -105,18 +104,18 @@ def take_run(path: Path, truth: dict[str, float], draws: np.random.Generator) ->
         stokes = [truth[f"regions.{region}.stokes_radiance.{i}"] for i in range(3)]
         left = 4 + (SIDE + 8) * k
         light[:, 4 : 4 + SIDE, left : left + SIDE] = np.array(stokes)[:, None, None] * texture
-    with RunWriter.create(path, {"origin": "device", "rig": {"polarizer": {"extinction_ratio": 500.0}}}) as writer:
-        for sequence in range(CYCLES * len(_ORDER)):
-            cycle, place = divmod(sequence, len(_ORDER))
-            angle = ANGLES_DEG[_ORDER[place]]
-            drift = 1.0 + truth["errors.illumination_drift"] * (place / (len(_ORDER) - 1) - 0.5)
-            electrons = _electrons(truth, light, np.radians(angle + truth["rig.polarizer_offset_deg"])) * drift
-            counts = truth["noise.gain_dn_per_e"] * (
-                draws.poisson(electrons * response)
-                + truth["noise.read_noise_e"] * draws.standard_normal(response.shape)
-            )
-            writer.write_frame(_record(sequence, cycle, angle), np.rint(counts + BLACK_DN).astype(np.uint16))
-    return read_run(path)
+    frames = []
+    for sequence in range(CYCLES * len(_ORDER)):
+        cycle, place = divmod(sequence, len(_ORDER))
+        angle = ANGLES_DEG[_ORDER[place]]
+        drift = 1.0 + truth["errors.illumination_drift"] * (place / (len(_ORDER) - 1) - 0.5)
+        electrons = _electrons(truth, light, np.radians(angle + truth["rig.polarizer_offset_deg"])) * drift
+        counts = truth["noise.gain_dn_per_e"] * (
+            draws.poisson(electrons * response) + truth["noise.read_noise_e"] * draws.standard_normal(response.shape)
+        )
+        known = at(angle, cycle=cycle, exposure_s=EXPOSURE_S, black_level_dn=BLACK_DN)
+        frames.append((known, np.rint(counts + BLACK_DN).astype(np.uint16)))
+    return make_run(path, frames, session={"origin": "device", "rig": {"polarizer": {"extinction_ratio": 500.0}}})
 
 
 def _electrons(truth: dict[str, float], light: np.ndarray, angle_rad: float) -> np.ndarray:
@@ -130,16 +129,3 @@ def _electrons(truth: dict[str, float], light: np.ndarray, angle_rad: float) -> 
     etendue = math.pi / 17.0 * 8.3e-6**2 * EXPOSURE_S * truth["rig.exposure_ratio"]
     return seen * etendue * truth["sensor.optics_transmittance"] * truth["sensor.quantum_efficiency"] / photon_j
 
-
-def _record(sequence: int, cycle: int, angle_deg: float) -> FrameRecord:
-    return FrameRecord(
-        kind="scene",
-        sequence=sequence,
-        cycle=cycle,
-        polarizer_angle_target_deg=angle_deg,
-        polarizer_angle_deg=angle_deg,
-        exposure_s=EXPOSURE_S,
-        bit_depth=12,
-        saturation_dn=4095.0,
-        black_level_dn=BLACK_DN,
-    )
