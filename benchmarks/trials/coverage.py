@@ -22,8 +22,8 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measure.measure import MeasuredRegion, measure
 from rigctl.runs.folder import Run
-from tests.rigctl.made_runs import at, make_run
 from rigctl.verbs.compare import compare_run
+from tests.rigctl.made_runs import at, make_run
 
 Array = NDArray[np.float64]
 SIDE, BORDER = 64, 4

@@ -4,6 +4,7 @@ Nothing of the model is used: the counts are drawn, not predicted.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -94,7 +95,13 @@ def drawn_truth(draws: np.random.Generator, *, moved: str | None = None, by_std:
     return truth
 
 
-def take_run(path: Path, truth: dict[str, float], draws: np.random.Generator) -> Run:
+def take_run(
+    path: Path,
+    truth: dict[str, float],
+    draws: np.random.Generator,
+    *,
+    facts: Callable[[int], dict[str, object]] = lambda _: {},
+) -> Run:
     """Return a run of the panels with this truth; its records say what the scene file says."""
     height, width = SIDE + 8, len(REGIONS) * (SIDE + 8) + 8
     response = 1.0 + truth["noise.prnu"] * draws.standard_normal((height, width))
@@ -114,7 +121,7 @@ def take_run(path: Path, truth: dict[str, float], draws: np.random.Generator) ->
             draws.poisson(electrons * response) + truth["noise.read_noise_e"] * draws.standard_normal(response.shape)
         )
         known = at(angle, cycle=cycle, exposure_s=EXPOSURE_S, black_level_dn=BLACK_DN)
-        frames.append((known, np.rint(counts + BLACK_DN).astype(np.uint16)))
+        frames.append((known | facts(sequence), np.rint(counts + BLACK_DN).astype(np.uint16)))
     return make_run(path, frames, session={"origin": "device", "rig": {"polarizer": {"extinction_ratio": 500.0}}})
 
 
@@ -128,4 +135,3 @@ def _electrons(truth: dict[str, float], light: np.ndarray, angle_rad: float) -> 
     photon_j = 6.62607015e-34 * 299792458.0 / 550e-9
     etendue = math.pi / 17.0 * 8.3e-6**2 * EXPOSURE_S * truth["rig.exposure_ratio"]
     return seen * etendue * truth["sensor.optics_transmittance"] * truth["sensor.quantum_efficiency"] / photon_j
-

@@ -246,11 +246,6 @@ def test_the_key_is_the_first_that_the_message_names(message, key):
     assert json.loads(failure_json(2, message, verb="compare"))["error"]["key"] == key
 
 
-def test_an_unknown_verb_leads_to_the_one_that_was_meant(capsys):
-    assert cli.main(["predcit"]) == 2
-    assert 'Did you mean "predict"' in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(("name", "driver"), [("ELL14", "ellx"), ("KDC101", "apt"), ("zabre", "zaber")])
 def test_the_name_of_a_model_leads_to_its_driver(name, driver):
     with pytest.raises(ConfigError, match=f"did you mean {driver}"):

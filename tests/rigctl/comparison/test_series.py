@@ -16,42 +16,35 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.report.pdf import pdf
 from rigctl.report.series import series_json, series_report
 from rigctl.runs.folder import read_run
-from rigctl.runs.records import FrameRecord, PolarizerAsTaken, RigAsTaken
+from rigctl.runs.records import PolarizerAsTaken, RigAsTaken
 from rigctl.verbs.compare import SeriesResult, compare
 
 
-def afternoon(folder: Path, monkeypatch: pytest.MonkeyPatch, *, runs: int = 3, **strange: object) -> list[Path]:
+def afternoon(folder: Path, *, runs: int = 3, **strange: object) -> list[Path]:
     """Return runs an hour apart under a sinking sun; the last differs from the others by what is given."""
     (folder / "scene.toml").write_text(panels.scene_text())
     truth = panels.drawn_truth(np.random.default_rng(2))
-    plain = panels._record
-    paths = []
-    for k in range(runs):
+    paths = [folder / f"run-{k}" for k in range(runs)]
+    for k, path in enumerate(paths):
 
-        def record(sequence: int, cycle: int, angle_deg: float, k: int = k) -> FrameRecord:
-            own = replace(
-                plain(sequence, cycle, angle_deg),
-                start_utc=f"2026-06-21T{12 + k:02d}:00:{sequence:02d}.000000Z",
-                sun_azimuth_deg=180.0 + 15.0 * k,
-                sun_elevation_deg=60.0 - 8.0 * k,
-                camera_serial="7",
-            )
-            return replace(own, **strange) if k == runs - 1 else own
+        def facts(sequence: int, k: int = k) -> dict[str, object]:
+            return {
+                "start_utc": f"2026-06-21T{12 + k:02d}:00:{sequence:02d}.000000Z",
+                "sun_azimuth_deg": 180.0 + 15.0 * k,
+                "sun_elevation_deg": 60.0 - 8.0 * k,
+                "camera_serial": "7",
+            } | (strange if k == runs - 1 else {})
 
-        monkeypatch.setattr(panels, "_record", record)
-        draws = np.random.default_rng([9, k])
         # The polarization of the black panel grows by 3 % an hour, which the scene file does not say.
         changed = truth | {"regions.black.stokes_radiance.1": truth["regions.black.stokes_radiance.1"] * (1 + 0.03 * k)}
-        panels.take_run(folder / f"run-{k}", changed, draws)
-        paths.append(folder / f"run-{k}")
+        panels.take_run(path, changed, np.random.default_rng([9, k]), facts=facts)
     return paths
 
 
 @pytest.fixture(scope="module")
 def series(tmp_path_factory: pytest.TempPathFactory) -> ComparedSeries:
     folder = tmp_path_factory.mktemp("afternoon")
-    with pytest.MonkeyPatch.context() as patch:
-        paths = afternoon(folder, patch)
+    paths = afternoon(folder)
     found = compare(*paths, scene=folder / "scene.toml", alpha=1e-3)
     assert isinstance(found, SeriesResult)
     return found.series
@@ -87,10 +80,8 @@ def test_the_report_of_many_runs_says_what_drifts_and_is_the_same_twice(
     ("strange", "named"),
     [({"camera_serial": "8"}, "camera"), ({"gain_db": 6.0}, "gain"), ({"stage_serial": "1"}, "stage")],
 )
-def test_a_run_that_does_not_belong_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, strange: dict[str, object], named: str
-) -> None:
-    paths = afternoon(tmp_path, monkeypatch, runs=2, **strange)
+def test_a_run_that_does_not_belong_is_refused(tmp_path: Path, strange: dict[str, object], named: str) -> None:
+    paths = afternoon(tmp_path, runs=2, **strange)
     with pytest.raises(DataError, match=f"run-1: {named}"):
         require_one_instrument([read_run(path) for path in paths])
 
@@ -105,9 +96,9 @@ def test_a_run_of_another_axis_is_refused(series: ComparedSeries) -> None:
 
 @pytest.mark.slow
 def test_the_command_takes_several_runs_and_refuses_a_stranger(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    paths = [str(path) for path in afternoon(tmp_path, monkeypatch, runs=2)]
+    paths = [str(path) for path in afternoon(tmp_path, runs=2)]
     words = ["--scene", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]
     assert main(["compare", *paths, *words]) == 0
     assert (tmp_path / "out" / "run-1" / "report.pdf").read_bytes().startswith(b"%PDF")
@@ -115,7 +106,7 @@ def test_the_command_takes_several_runs_and_refuses_a_stranger(
         assert {row["run"] for row in csv.DictReader(file)} == {"run-0", "run-1"}
     assert len(json.loads((tmp_path / "out" / "series.json").read_text())["runs"]) == 2
     (tmp_path / "strange").mkdir()
-    stranger = afternoon(tmp_path / "strange", monkeypatch, runs=1, camera_serial="8")
+    stranger = afternoon(tmp_path / "strange", runs=1, camera_serial="8")
     stranger[0].rename(tmp_path / "strange" / "other")
     assert main(["compare", *paths, str(tmp_path / "strange" / "other"), *words, "--force"]) == EXIT_DATA
     assert "do not belong" in capsys.readouterr().err

@@ -105,19 +105,6 @@ def test_a_sweep_over_the_camera_solves_no_sky_anew(predictor, store):
     assert store.taken + store.computed == before
 
 
-def test_a_sweep_of_the_exposure(predictor):
-    found = sweep(predictor, "acquisition.exposure_ms=0.01:0.02:2")
-    s0 = found.series("paint", "s0", "mean")
-    assert s0[1] == pytest.approx(2.0 * s0[0])
-
-
-def test_a_sweep_of_a_scene_given_by_radiance():
-    predictor = ScenePredictor(load_scene(EXAMPLES / "scene-panels.toml"), None)
-    found = sweep(predictor, "regions.asphalt.stokes_radiance.0=14:28:2")
-    s0 = found.series("asphalt", "s0", "mean")
-    assert s0[1] == pytest.approx(2.0 * s0[0])
-
-
 def test_files_of_a_sweep(predictor):
     found = sweep(predictor, "geometry.camera_zenith_deg=20:60:3")
     header, *rows = sweep_csv(found).decode().splitlines()
