@@ -35,12 +35,14 @@ def problems_of(case: Case, folder: Path) -> list[str]:
     except _TooSlowError:
         return [f"took more than {_MOST_S} s of the processor, or waited for more than {_MOST_WAITING_S} s"]
     after = tree_hash(folder)
+    # An exit code of 4 may also be that of a report: of failed runs, or of a run that cannot be judged.
+    is_refused = code == 2 or (code == 4 and '"verdict"' not in out.getvalue())
     return [
         *([] if code in _ALLOWED else [f"exit {code}: {err.getvalue()[-300:]}"]),
         *(["traceback on standard error"] if "Traceback (most" in err.getvalue() else []),
         *(["control characters on standard error"] if "\x1b" in err.getvalue() + out.getvalue() else []),
         *_json_problems(case, code, out.getvalue()),
-        *_changes(before, after, refused=code in (2, 4), edited=_edited(case)),
+        *_changes(before, after, refused=is_refused, edited=_edited(case)),
         *(
             ["a part left under its working name"]
             if any(name.endswith(".part") for name in set(after) - set(before))
