@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -293,35 +293,9 @@ def rehearse(
     return (*roof.record.remarks, *changed, *(f"sun: {text}" for text in suns))
 
 
-class StageServer:
-    """A served stage, whose true angle is logged."""
-
-    def __init__(self, stage: SimulatedStage, clock: SimClock, log: TextIO | None) -> None:
-        self._stage = stage
-        self._clock = clock
-        self._log = log
-        self._logged_deg: float | None = None
-
-    def run(self) -> None:
-        """Log the true angle each time that it has changed; never return."""
-        while True:
-            self.look()
-            time.sleep(_LOOK_EACH_S)
-
-    def look(self) -> None:
-        """Log the true angle if it has changed."""
-        angle_deg = self._stage.true_angle_deg()
-        unchanged = self._logged_deg is not None and abs(angle_deg - self._logged_deg) < _SMALLEST_CHANGE_DEG
-        if self._log is None or unchanged:
-            return
-        self._log.write(f"{self._clock.now_s():.3f},{angle_deg:.6f}\n")
-        self._log.flush()
-        self._logged_deg = angle_deg
-
-
 @contextmanager
-def serve_stage(address: str, *, link: Path, truth: Path | None) -> Iterator[StageServer]:
-    """Give a simulated stage that answers on a pseudo-terminal until the context is left."""
+def serve_stage(address: str, *, link: Path, truth: Path | None) -> Iterator[Callable[[], None]]:
+    """Serve a simulated stage on a pseudo-terminal until the context is left; give a loop that logs its true angle."""
     try:
         options = parse_stage_address(address)
     except ValueError as error:
@@ -332,7 +306,18 @@ def serve_stage(address: str, *, link: Path, truth: Path | None) -> Iterator[Sta
     with log as opened, serve_on_pty(stage, clock=clock, link=link):
         if opened is not None:
             opened.write("time_s,angle_deg\n")
-        yield StageServer(stage, clock, opened)
+
+        def run() -> None:
+            logged_deg = np.inf
+            while True:
+                angle_deg = stage.true_angle_deg()
+                if opened is not None and abs(angle_deg - logged_deg) >= _SMALLEST_CHANGE_DEG:
+                    opened.write(f"{clock.now_s():.3f},{angle_deg:.6f}\n")
+                    opened.flush()
+                    logged_deg = angle_deg
+                time.sleep(_LOOK_EACH_S)
+
+        yield run
 
 
 @contextmanager

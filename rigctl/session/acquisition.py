@@ -34,7 +34,7 @@ from rigctl.session.monitors import Monitors
 from rigctl.session.numbers import coarse_picture, frame_summary
 from rigctl.session.plan import BYTES_BESIDE_PIXELS, Step, exposures_of
 from rigctl.session.rig_work import CapturedFrame, RigWork, RoundExposures, record_of
-from rigctl.session.timing import Pause, SessionContext, SteadyUtc, StopAskedError, Timing
+from rigctl.session.timing import Pause, SessionContext, StopAskedError, Timing
 
 _RETRY_S = 1.0
 _LOOK_S = 0.2
@@ -54,14 +54,13 @@ def acquire(
     writer: RunWriter,
     *,
     progress: Progress,
-    context: SessionContext | None = None,
+    context: SessionContext,
 ) -> bool:
     """Take the frames of a session, one after the other; return whether it went to its end.
 
     False means that a stop was requested. All frames that were taken are on the disk when this returns
     or raises, unless the disk failed.
     """
-    context = SessionContext() if context is None else context
     by_sequence = {step.sequence: step for step in steps}
     store = FrameStore(writer, context, lambda record: progress(by_sequence[record.sequence]))
     with WriterThread(store.store, disk=writer.disk, last_sign_s=store.last_sign_s) as thread:
@@ -282,8 +281,8 @@ class _Acquisition:
         self._rig, self._rig_file, self._steps = rig, rig_file, steps
         self._context, self._thread = context, thread
         self.pause = Pause(context.control, context.clock, writer.event)
-        self._utc = SteadyUtc(context.clock) if context.utc is None else context.utc
-        self._timing = Timing(context, self._utc, self.pause, writer)
+        self._utc = context.utc
+        self._timing = Timing(context, self.pause, writer)
         self._work = RigWork(rig, rig_file, writer, self._hold_for if context.asks_by_hold else rig.ask)
         self._thermometer = Thermometer(rig.camera, context.clock)
         self._locks = Interlocks(context.interlocks, self.pause, writer, self._utc, self._thermometer, context.noise)

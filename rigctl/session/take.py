@@ -37,7 +37,7 @@ from rigctl.session.control import Control, notices
 from rigctl.session.numbers import LiveNumbers
 from rigctl.session.plan import Step, plan_steps, round_times_ns, step_times_ns
 from rigctl.session.status import LiveContent, LiveStatus, live_lines, write_status
-from rigctl.session.timing import SessionClock, SessionContext, clock_of, session_context
+from rigctl.session.timing import SessionClock, SessionContext, clock_of
 
 # What decides the numbers in a run; their versions go into it.
 _PACKAGES = ("rigctl", "numpy", "pyserial")
@@ -80,7 +80,7 @@ def take_session(
     rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
     rounds = (at_ns,) if rounds == (None,) else rounds
     steps = plan_steps(session, rounds, cell_deg=rig_file.cell_deg)
-    context = session_context(
+    context = SessionContext(
         session, rig_file, clock=clock, control=Control(out), until_ns=until_ns, noise=noise, asks_by_hold=asks_by_hold
     )
 
@@ -113,7 +113,7 @@ def resume_session(
     if not left and any(event.event == "finished" for event in read_events(path)):
         _close_again(path, clock)
         return Outcome(frames=len(run.frames), planned=len(steps), is_finished=True, repair=repair, was_finished=True)
-    context = session_context(
+    context = SessionContext(
         session,
         rig_file,
         clock=clock,
@@ -298,8 +298,8 @@ class _Taking:
         left = _left_of(run, self._steps)
         watch.begin(left=len(left))
         metered = metered_exposures(read_events(run.path))
-        context = replace(self._context, metered_s={number: exposure_s for number, exposure_s, _ in metered})
-        return acquire(rig, self._rig_file, left, self._writer, progress=watch.stored, context=context)
+        self._context.metered_s = {number: exposure_s for number, exposure_s, _ in metered}
+        return acquire(rig, self._rig_file, left, self._writer, progress=watch.stored, context=self._context)
 
     def _opened_again(self, devices: ExitStack) -> Rig:
         rig = devices.enter_context(self._opener())

@@ -2,12 +2,12 @@
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from rigctl.base.numbers import NS_PER_S, unix_ns, utc_text
 from rigctl.console import warn
 from rigctl.files.rig_file import RigFile
-from rigctl.files.session_file import PICTURE, InterlockSection, MeteringSection, SessionFile
+from rigctl.files.session_file import PICTURE, SessionFile
 from rigctl.rig import checkup as host_checkup
 from rigctl.rig.simulated_parts import SimulatedClock
 from rigctl.runs.records import ASKED_EVENT, SessionNoise
@@ -20,6 +20,7 @@ from rigctl.session.plan import Step, SunTrack
 _SIMULATED_POLL_S = 60.0
 _POLL_S = 0.5
 _S_PER_MIN = 60.0
+_LATE_S = 300.0
 Note = Callable[..., None]
 
 
@@ -90,57 +91,38 @@ class SteadyUtc:
         return jump_ns / NS_PER_S
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class SessionContext:
-    """Context of a session beside its steps."""
+    """The parts that a session shares, made from its session file and the rig."""
 
-    interlocks: InterlockSection = field(default_factory=InterlockSection)  #: As in the session file.
-    metering: MeteringSection = field(default_factory=MeteringSection)
-    late_s: float = 300.0  #: A round that begins later than this after it was due is left out [s].
-    until_ns: int | None = None  #: No frame begins after this [ns since 1970 UTC].
-    sun: SunTrack | None = None  #: The sun above the site, where the site is known.
-    clock: SessionClock = field(default_factory=SessionClock)  #: The host's clocks.
-    utc: SteadyUtc | None = None  #: The time by which the session began; None begins now.
-    control: Control = field(default_factory=Control)  #: Requests.
-    noise: SessionNoise | None = None  #: From a calibration.
-    regions: RegionMeans = field(default_factory=RegionMeans)  #: What is looked at in each frame.
-    live: LiveNumbers = field(default_factory=LiveNumbers)  #: Live numbers.
-    #: Exposures that earlier parts of this session have metered, by round [s].
-    metered_s: Mapping[int, float] = field(default_factory=dict)
-    #: Where a person is needed the session holds until it is continued; else it asks at the terminal.
-    asks_by_hold: bool = False
-
-
-def session_context(
-    session: SessionFile,
-    rig_file: RigFile,
-    *,
-    clock: SessionClock,
-    control: Control,
-    until_ns: int | None,
-    noise: SessionNoise | None,
-    asks_by_hold: bool = False,
-) -> SessionContext:
-    """Return the context of a session, from its session file and the rig."""
-    late_min = 5.0 if session.schedule is None else session.schedule.late_min
-    return SessionContext(
-        interlocks=session.interlocks,
-        metering=session.metering,
-        late_s=late_min * _S_PER_MIN,
-        until_ns=until_ns,
-        sun=None if rig_file.site is None else SunTrack(rig_file.site),
-        clock=clock,
-        utc=SteadyUtc(clock),
-        control=control,
-        noise=noise,
-        regions=RegionMeans(session.regions),
-        live=LiveNumbers(
+    def __init__(
+        self,
+        session: SessionFile,
+        rig_file: RigFile,
+        *,
+        clock: SessionClock,
+        control: Control,
+        until_ns: int | None,
+        noise: SessionNoise | None,
+        asks_by_hold: bool,
+    ) -> None:
+        self.clock, self.control = clock, control  #: The host's clocks, and requests.
+        self.utc = SteadyUtc(clock)  #: The time by which the session began.
+        self.interlocks, self.metering = session.interlocks, session.metering
+        #: A round that begins later than this after it was due is left out [s].
+        self.late_s = _LATE_S if session.schedule is None else session.schedule.late_min * _S_PER_MIN
+        self.until_ns = until_ns  #: No frame begins after this [ns since 1970 UTC].
+        self.sun = None if rig_file.site is None else SunTrack(rig_file.site)
+        self.noise = noise  #: From a calibration.
+        self.regions = RegionMeans(session.regions)
+        self.live = LiveNumbers(
             noise=noise,
             extinction_ratio=rig_file.polarizer.extinction_ratio,
             reference=session.reference_region or PICTURE,
-        ),
-        asks_by_hold=asks_by_hold,
-    )
+        )
+        #: Exposures that earlier parts of this session have metered, by round [s].
+        self.metered_s: Mapping[int, float] = {}
+        #: Where a person is needed the session holds until it is continued; else it asks at the terminal.
+        self.asks_by_hold = asks_by_hold
 
 
 class StopAskedError(Exception):
@@ -194,8 +176,8 @@ class Pause:
 class Timing:
     """The schedule at work: waits for rounds, and leaves out those that are missed."""
 
-    def __init__(self, context: SessionContext, utc: SteadyUtc, pause: Pause, writer: RunWriter) -> None:
-        self._context, self._utc, self._pause, self._writer = context, utc, pause, writer
+    def __init__(self, context: SessionContext, pause: Pause, writer: RunWriter) -> None:
+        self._context, self._utc, self._pause, self._writer = context, context.utc, pause, writer
         self._round: int | None = None
         self._missed: set[int] = set()
         self._is_over = False

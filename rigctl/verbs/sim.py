@@ -41,10 +41,10 @@ def stage(
     try:
         with (
             _until_stopped(),
-            serve_stage(address, link=Path(link), truth=None if truth is None else Path(truth)) as server,
+            serve_stage(address, link=Path(link), truth=None if truth is None else Path(truth)) as run,
         ):
             note(f"{address} answers on {link}; Ctrl-C ends it")
-            server.run()
+            run()
     except FileExistsError as error:
         raise ConfigError(f"--link: {link} is there already: remove it, or name another") from error
     except OSError as error:
