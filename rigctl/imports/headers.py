@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from math import isfinite
+from typing import Any
 
 from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
@@ -65,6 +66,31 @@ def temperature_c(header: Header) -> float | None:
         if isfinite(value):
             return value if value <= _WARMEST_C else value - _KELVIN
     return None
+
+
+# Fields of a frame's record, and the keywords under which other programs write them.
+_TEXTS = {"camera_model": ("INSTRUME", "CAMERA"), "filter_name": ("FILTER",)}
+_PLACES = {
+    "site_latitude_deg": ("SITELAT", "LATITUDE"),
+    "site_longitude_deg": ("SITELONG", "LONGITUD"),
+    "site_elevation_m": ("SITEELEV", "ALTITUDE"),
+}
+_LONGEST_TEXT = 60
+
+
+def origin_of(header: Header) -> dict[str, Any]:
+    """Return camera, filter and place by a header, under the names of a frame's record."""
+    found: dict[str, Any] = {}
+    for field, keys in _TEXTS.items():
+        texts = [str(header.get(key, "")).strip() for key in keys]
+        if text := next(filter(None, texts), ""):
+            found[field] = text.encode("ascii", "replace").decode()[:_LONGEST_TEXT]
+    for field, keys in _PLACES.items():
+        numbers = [header.get(key) for key in keys]
+        number = next((one for one in numbers if isinstance(one, int | float) and isfinite(one)), None)
+        if number is not None:
+            found[field] = float(number)
+    return found
 
 
 def reads_of(header: Header) -> tuple[int, bool, str]:

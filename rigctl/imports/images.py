@@ -929,6 +929,7 @@ def _record(image: SurveyedImage, scale: Scale) -> FrameRecord:
         black_level_dn=None if black_level_dn is None else black_level_dn / 2**scale.shift_bits,
         start_utc=image.start_utc,
         source_file=str(image.path),
+        **headers.origin_of(image.header),
         remarks=(
             *image.remarks,
             *(() if image.first_row == "top" else ("turned: the file has its bottom row first",)),

@@ -4,7 +4,7 @@
 """
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from rigctl.measure.measure import Measurement
 from rigctl.measure.pixel_errors import Doubt, PixelErrors
 from rigctl.runs.fits import encode_image
 from rigctl.runs.folder import MANIFEST_FILE
+from rigctl.runs.records import FrameRecord
 from rigctl.version import VERSION
 
 _NOISE, _SHARED = "standard error by noise", "standard error by dark level, throughput and axis, shared by all pixels,"
@@ -143,13 +144,7 @@ def _facts(measurement: Measurement, errors: PixelErrors, calibrations: Mapping[
     }
     if axis_deg := run.session.polarizer.offset_std_deg:
         facts["AXISERR"] = (axis_deg, "[deg] std error that all polarizer angles share")
-    starts, ends = [f.start_utc for f in frames if f.start_utc], [f.end_utc or f.start_utc for f in frames]
-    known = [np.datetime64(text.removesuffix("Z"), "us") for text in (*starts, *filter(None, ends))]
-    if starts:
-        begin, end = min(known), max(known)
-        for key, when in {"DATE-BEG": begin, "DATE-AVG": begin + (end - begin) / 2, "DATE-END": end}.items():
-            facts[key] = str(when.astype("datetime64[ms]"))
-        facts["TIMESYS"] = "UTC"
+    facts |= _times(frames)
     if grid.exposures_s is not None and grid.is_one_exposure:
         facts["EXPTIME"] = (float(grid.exposures_s[0]), "[s] of one frame")
     means = {
@@ -168,12 +163,30 @@ def _facts(measurement: Measurement, errors: PixelErrors, calibrations: Mapping[
     facts |= {} if first.camera_model is None else {"INSTRUME": first.camera_model}
     simulation = None if run.session.rig is None else run.session.rig.simulation
     sensor = simulation.get("sensor") if simulation else None
-    if isinstance(sensor, dict) and isinstance(sensor.get("wavelength_nm"), int | float):
+    if first.filter_name is not None:
+        facts["FILTER"] = first.filter_name
+    elif isinstance(sensor, dict) and isinstance(sensor.get("wavelength_nm"), int | float):
         facts["FILTER"] = (f"{sensor['wavelength_nm']:g} nm", "effective wavelength")
     for number, (kind, path) in enumerate(sorted(calibrations.items()), start=1):
         facts[f"CAL{number}"] = (f"{kind} {path.name}", "calibration")
         facts[f"CAL{number}HASH"] = sha256_of(path)
     return {key: _told(value) for key, value in facts.items()}
+
+
+def _times(frames: Sequence[FrameRecord]) -> dict[str, str]:
+    """Return begin, middle and end of the exposures; the end by their length where it is not recorded."""
+    starts, ends = [], []
+    for frame in frames:
+        if frame.start_utc is not None:
+            starts.append(np.datetime64(frame.start_utc.removesuffix("Z"), "us"))
+            length = np.timedelta64(round((frame.exposure_s or 0.0) * (frame.reads or 1) * 1e6), "us")
+            ended = None if frame.end_utc is None else np.datetime64(frame.end_utc.removesuffix("Z"), "us")
+            ends.append(starts[-1] + length if ended is None else ended)
+    if not starts:
+        return {}
+    begin, end = min(starts), max(ends)
+    times = {"DATE-BEG": begin, "DATE-AVG": begin + (end - begin) / 2, "DATE-END": end}
+    return {"TIMESYS": "UTC"} | {key: str(when.astype("datetime64[ms]")) for key, when in times.items()}
 
 
 def _told(value: Any) -> Any:

@@ -317,6 +317,7 @@ _KEYWORDS = (
     ("stage_counts", "STGCNT", "stage, counts of the encoder"),
     ("camera_model", "CAMERA", "camera"),
     ("camera_serial", "CAMSN", "its serial number"),
+    ("filter_name", "FILTER", "filter"),
     ("stage_model", "STAGE", "rotation stage"),
     ("stage_serial", "STAGESN", "its serial number"),
     ("stage_tries", "POLTRY", "commands of the move until within tolerance"),

@@ -102,6 +102,7 @@ class FrameRecord:
     start_source: str | None = None
     camera_model: str | None = None  #: Which devices these were.
     camera_serial: str | None = None
+    filter_name: str | None = None  #: Filter in front of the sensor, by the header of an imported file.
     stage_model: str | None = None
     stage_serial: str | None = None
     stage_tries: int | None = None  #: How many times the move was commanded until the readback was within tolerance.

@@ -151,6 +151,20 @@ def test_temperatures_by_headers(header, found):
     assert headers.temperature_c(header) == (None if found is None else pytest.approx(found))
 
 
+def test_camera_filter_place_and_times_of_a_header_are_those_of_the_result(tmp_path):
+    (tmp_path / "set").mkdir()
+    for number, angle in enumerate(ANGLES_DEG):
+        facts = {"INSTRUME": "PolCam", "FILTER": "V", "SITELAT": 43.1, "SITELONG": -77.6, "SITEELEV": 160}
+        times = {"DATE-OBS": f"2026-05-04T10:00:0{number}.250", "EXPTIME": 0.5}
+        write(tmp_path / "set" / f"{angle}.fits", noisy_counts(number), POLAR=float(angle), **facts, **times)
+    import_images(tmp_path / "run", [tmp_path / "set"], bit_depth=12, black_level_dn=1)
+    stokes(tmp_path / "run", out=tmp_path / "out")
+    header = fits.getheader(tmp_path / "out" / "stokes.fits")
+    assert {key: header[key] for key in facts} == facts
+    found = [header[key] for key in ("DATE-BEG", "DATE-AVG", "DATE-END")]
+    assert found == [f"2026-05-04T10:00:0{second}" for second in ("0.250", "2.000", "3.750")]
+
+
 @pytest.mark.parametrize(
     ("header", "reads", "is_sum"),
     [
