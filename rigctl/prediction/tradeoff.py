@@ -291,9 +291,15 @@ def accuracy_curves(
 
 
 def faster_and_better(choice: NamedChoice, curves: Curves) -> bool:
-    """Return whether a fixed choice is faster than a tolerance, and its error no larger than the true one of that."""
-    chain = [point for point in curves.points if point.varied == WHOLE_CHAIN]
-    return choice.error > 0.0 and any(choice.seconds <= point.seconds and choice.error <= point.true for point in chain)
+    """Return whether a fixed choice lies below and to the left of the true errors of tolerances, as they are drawn."""
+    chain = [point for point in curves.points if point.varied == WHOLE_CHAIN and point.true > 0.0]
+    if not choice.error > 0.0 or not chain:
+        return False
+    seconds, errors = np.log([(point.seconds, point.true) for point in sorted(chain, key=lambda one: one.seconds)]).T
+    at = np.log(choice.seconds)
+    drawn = np.interp(at, seconds, errors, left=np.inf, right=-np.inf)
+    is_better_than_a_point = np.any((at <= seconds) & (np.log(choice.error) <= errors))
+    return bool(is_better_than_a_point or (np.isfinite(drawn) and np.log(choice.error) <= drawn))
 
 
 def estimates_share(found: Predicted) -> float:

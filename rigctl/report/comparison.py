@@ -100,7 +100,7 @@ def score_text(row: Row) -> str:
     """Return the score of a row; beyond 10 its size rests on tails of laws that nobody knows."""
     if row.z is None:
         return NOTHING
-    return f"{row.z:+z.1f}" if abs(row.z) <= _LARGEST_SCORE else "> 10" if row.z > 0.0 else "< -10"
+    return f"{row.z:+z.1f}" if abs(row.z) <= _LARGEST_SCORE else ">10" if row.z > 0.0 else "<-10"
 
 
 def _undefined(row: Row, std_error: float | None) -> str:

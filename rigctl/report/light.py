@@ -1,9 +1,9 @@
-"""Light of a scene as people and programs read it: where it comes from by region, and the sky."""
+"""Tables, figures and JSON of a scene's light: its parts by region, and the sky."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from model.scene.field import FieldLight, Source
     from rigctl.console import Json
-    from rigctl.prediction.predict import ScenePrediction
+    from rigctl.prediction.predict import SceneGeometry, ScenePrediction
     from rigctl.scene.sky_map import SkyMap, SkyOfKind
 
 
@@ -51,33 +51,27 @@ def light_json(found: ScenePrediction) -> dict[str, Json]:
     return {"geometry": asdict(found.geometry), "light": {name: _light(light) for name, light in found.lights.items()}}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Part:
-    region: str
-    name: str
-    stokes: FloatArray
-    total_s0: float
+# Region, name of the part, Stokes vector, and S0 of the total.
+_Part = tuple[str, str, FloatArray, float]
 
 
 def _parts(region: str, light: FieldLight) -> tuple[_Part, ...]:
-    total_s0 = light.mean("total")[0]
-    return tuple(
-        _Part(region=region, name=label, stokes=light.mean(part), total_s0=total_s0) for part, label in PARTS.items()
-    )
+    total_s0 = float(light.mean("total")[0])
+    return tuple((region, label, light.mean(part), total_s0) for part, label in PARTS.items())
 
 
 def _stokes_cell(part: _Part, k: int) -> str:
-    return stokes_cells(part.stokes)[k]
+    return stokes_cells(part[2])[k]
 
 
 _PART_COLUMNS: tuple[Column[_Part], ...] = (
-    Column(title="region", text=lambda part: part.region, left=True, shown=Shown.PAGE),
-    Column(title="from", text=lambda part: part.name, left=True),
+    Column(title="region", text=lambda part: part[0], left=True, shown=Shown.PAGE),
+    Column(title="from", text=lambda part: part[1], left=True),
     *(
         Column(title=title, text=partial(_stokes_cell, k=k))
         for k, title in enumerate(("S0", "S1", "S2", "DoLP", "AoLP deg"))
     ),
-    Column(title="share of S0", text=lambda part: f"{part.stokes[0] / part.total_s0:.1%}", shown=Shown.PAGE),
+    Column(title="share of S0", text=lambda part: f"{part[2][0] / part[3]:.1%}", shown=Shown.PAGE),
 )
 
 
@@ -104,7 +98,7 @@ def phi_text(phi_deg: float) -> str:
 
 
 def geometry_lines(found: ScenePrediction) -> Iterable[str]:
-    """Return where sun and camera stand, in words."""
+    """Yield the directions of sun and camera, the irradiances, and how the light varies over the field of view."""
     at = found.geometry
     if at is None:
         return
@@ -112,15 +106,19 @@ def geometry_lines(found: ScenePrediction) -> Iterable[str]:
         f"sun: zenith {at.sun_zenith_deg:.2f} deg, azimuth {at.sun_azimuth_deg:.2f} deg; camera: zenith "
         f"{at.camera_zenith_deg:.2f} deg, azimuth {at.camera_azimuth_deg:.2f} deg; phi {phi_text(at.phi_deg)} deg"
     )
-    yield (
-        f"irradiance in band: beam {at.direct_irradiance:.4g} W m-2 on a plane normal to it, sky "
-        f"{at.sky_irradiance:.4g} W m-2 on level ground"
-    )
+    yield _irradiance(at)
     for name, light in found.lights.items():
         if len(light.lights) > 1:
             yield f"{name}: {len(light.lights)} tiles of the field of view; light varies by {light.spread:.2%}"
         elif light.spread > 0.0:
             yield f"{name}: taken as a point, light varies over its part of the field by {light.spread:.2%} of S0 only"
+
+
+def _irradiance(at: SceneGeometry | SkyMap) -> str:
+    return (
+        f"irradiance in band: beam {at.direct_irradiance:.4g} W m-2 on a plane normal to it, sky "
+        f"{at.sky_irradiance:.4g} W m-2 on level ground"
+    )
 
 
 def _light(light: FieldLight) -> dict[str, Json]:
@@ -146,20 +144,17 @@ def stokes_cells(stokes: FloatArray) -> tuple[str, ...]:
 
 
 def sky_lines(sky: SkyMap) -> tuple[str, ...]:
-    """Return what is to be known of a sky, in words."""
+    """Return the sun, the irradiances and the largest DoLP of a sky, and remarks."""
     degree, zenith_deg, azimuth_deg = sky.largest_dolp
     return (
         f"sun: zenith {sky.sun_zenith_deg:.2f} deg, azimuth {sky.sun_azimuth_deg:.2f} deg",
-        (
-            f"irradiance in band: beam {sky.direct_irradiance:.4g} W m-2 on a plane normal to it, sky "
-            f"{sky.sky_irradiance:.4g} W m-2 on level ground"
-        ),
+        _irradiance(sky),
         f"largest DoLP {degree:.3f} at zenith {zenith_deg:.0f} deg, azimuth {azimuth_deg:.0f} deg",
         *sky.remarks,
     )
 
 
-def title_lines(sky: SkyMap) -> tuple[str, ...]:
+def _title_lines(sky: SkyMap) -> tuple[str, ...]:
     """Return the heading of a figure."""
     return (f"{sky.name}: north at the top, azimuth clockwise, horizon outside", sky_lines(sky)[0], *sky.remarks[:1])
 
@@ -183,7 +178,7 @@ def sky_json(sky: SkyMap) -> dict[str, Json]:
 
 
 def kinds_table(found: tuple[SkyOfKind, ...]) -> Table[SkyOfKind]:
-    """Return the kinds, a row each: irradiances, largest DoLP, and how far the sky is from that of the file."""
+    """Return a row for each kind of aerosol: irradiances, largest DoLP, and differences from the sky of the file."""
     chosen = found[0]
     columns: tuple[Column[SkyOfKind], ...] = (
         Column(title="aerosol", text=lambda one: f"{one.label}{' *' if one.is_chosen else ''}", left=True),
@@ -252,7 +247,7 @@ def sky_picture(sky: SkyMap, *, title: Sequence[str] = (), beneath: Sequence[str
         shown = ax.pcolormesh(azimuth_rad, sky.zenith_deg, values, norm=norm, cmap=cmap, shading="gouraud")
         _finish(ax, sky)
         figure.colorbar(shown, ax=ax, label=label, shrink=0.8)
-    figure.suptitle("\n".join([*title, *title_lines(sky)]), fontsize=10)
+    figure.suptitle("\n".join([*title, *_title_lines(sky)]), fontsize=10)
     say_beneath(figure, beneath)
     return png(figure)
 
@@ -277,7 +272,7 @@ def kinds_picture(found: tuple[SkyOfKind, ...]) -> bytes:
         mark = " (the file)" if one.is_chosen else ""
         ax.set_title(f"{one.label}{mark}\nlargest DoLP {sky.largest_dolp[0]:.3f}", fontsize=9)
     figure.colorbar(shown, ax=grid.tolist(), label="DoLP", shrink=0.6)
-    figure.suptitle("\n".join(title_lines(found[0].sky)[:2]), fontsize=10)
+    figure.suptitle("\n".join(_title_lines(found[0].sky)[:2]), fontsize=10)
     return png(figure)
 
 

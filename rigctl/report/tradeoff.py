@@ -488,7 +488,7 @@ _WIDTH = 6.0
 
 def curve_png(curves: Curves, *, worth: Predicted) -> bytes:
     """Return error against time of tolerances and of fixed choices, with the tolerance that is worth having."""
-    figure, axes = placed_axes(1, 1, size=(10.5, 5.6), margins=(0.9, 3.9, 0.6, 0.5))
+    figure, axes = placed_axes(1, 1, size=(10.5, 5.6), margins=(0.9, 3.2, 0.6, 0.5))
     chain = [point for point in curves.points if point.varied == WHOLE_CHAIN]
     _draw_chain(axes[0], chain)
     _draw_named(axes[0], curves)

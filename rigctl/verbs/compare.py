@@ -188,8 +188,9 @@ class ComparisonResult(Result):
         if found.agrees is False:
             yield from (ADVICE[cause] for cause in found.points_to)
             yield row_table(off[:_SHOWN])
-            if found.attribution is not None:
-                yield f"Likely cause among the inputs: {found.attribution.remark}"
+            inputs = found.attribution
+            if inputs is not None and (not found.points_to or (inputs.best is not None and inputs.best.removes)):
+                yield f"Likely cause among the inputs: {inputs.remark}"
         yield from unstated_lines(found.unstated, disagrees=found.agrees is False)
         yield from _of_run(found)
         yield from (f"hardly tested: {weak}" for weak in found.weak)

@@ -18,7 +18,15 @@ from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.prediction.sessions import SceneSessions, TradeoffRequest, acquisition_tradeoff
-from rigctl.prediction.tradeoff import named_choices, settings_by
+from rigctl.prediction.tradeoff import (
+    WHOLE_CHAIN,
+    CurvePoint,
+    Curves,
+    NamedChoice,
+    faster_and_better,
+    named_choices,
+    settings_by,
+)
 from rigctl.report.tradeoff import (
     proposal,
     reached_table,
@@ -276,3 +284,24 @@ def test_draws_and_first_order_stand_beside_the_exact_statistics(tmp_path):
     # Standard errors of a share of about 0.1 by so many draws; six of them, and the threshold's own.
     assert found["ROC of 1e6 draws"].error < 10.0 * (0.3 / 1e3)
     assert found["ROC of 1e3 draws"].error < 10.0 * (0.3 / 31.0)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "error", "is_explained"),
+    [
+        (0.9, 2e-4, True),
+        (0.9, 6e-4, False),
+        (0.2, 1e-4, True),
+        (0.2, 0.1, False),
+        (3.0, 1e-5, False),
+        (0.5, 0.0, False),
+    ],
+)
+def test_a_choice_below_the_drawn_curve_of_tolerances_is_explained(seconds, error, is_explained):
+    points = tuple(
+        CurvePoint(varied=WHOLE_CHAIN, level=level, seconds=time_s, true=true, estimated=0.1, whole=true)
+        for level, time_s, true in (("tolerance 0.1", 0.4, 1e-2), ("tolerance 0.01", 0.8, 6e-4), ("0.003", 2.0, 1.9e-4))
+    )
+    curves = Curves(points=points, predictions=(), floor={}, reference_s=9.0)
+    choice = NamedChoice(name="sky kept every 10 deg", seconds=seconds, error=error, reading=None)
+    assert faster_and_better(choice, curves) is is_explained

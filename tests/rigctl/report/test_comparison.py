@@ -155,9 +155,9 @@ def test_programs_read_every_field_of_a_row_in_its_order(row):
 
 def test_people_read_numbers_to_the_digits_of_their_error():
     (texts,) = row_table([ROW]).texts(Shown.PAGE)
-    assert texts == ("dolp", "mean", *WITH_ERRORS, "> 10", "DISAGREES", "0.004")
+    assert texts == ("dolp", "mean", *WITH_ERRORS, ">10", "DISAGREES", "0.004")
     (texts,) = row_table([ROW]).texts(Shown.TERMINAL)
-    assert texts == ("road", "dolp", "mean", "0.1235", "0.2000", "> 10")
+    assert texts == ("road", "dolp", "mean", "0.1235", "0.2000", ">10")
     assert mixed_row_table([ROW]).texts()[0][0] == "road: dolp"
     (texts,) = row_table([UNTESTED]).texts(Shown.PAGE)
     assert texts[2:] == ("10", "11", "–", "no test", "–")
