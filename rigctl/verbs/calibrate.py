@@ -558,27 +558,27 @@ def radiometric(
     **frames
         See `RunOptions`.
     """
-    from rigctl.calibrations.noise import NoiseParameters
     from rigctl.calibrations.record import write_content
     from rigctl.comparison.scale import panel_response
-    from rigctl.files.rig_file import unset_polarizer
-    from rigctl.measure.frames import RunCalibrations
+    from rigctl.measure.calibrations import calibrations_of_run
+    from rigctl.measure.frames import CalibrationPaths
     from rigctl.measure.measure import measure
     from rigctl.runs.check import used_run
     from rigctl.scene.scene import scene_of_file
 
     content = scene_file_of(scene)
     record = used_run(Path(run), **frames)
-    calibrated, doubts = (None, ()) if noise is None else NoiseParameters.read_fitting(Path(noise), record)
+    paths = CalibrationPaths(named={} if noise is None else {"noise": Path(noise)})
+    given = calibrations_of_run(paths, record, ())
     regions = [region for region in content.regions if region.name == panel]
-    measurement = measure(record, regions=list(regions), calibrations=RunCalibrations(noise=calibrated))
+    measurement = measure(record, regions=list(regions), calibrations=given)
     files = {"scene": scene, "noise": noise}
     named = {what: Path(path) for what, path in files.items() if isinstance(path, str | Path)}
-    used = scene_of_file(content, calibrated)
+    used = scene_of_file(content, given.noise)
     file = panel_response(measurement, used, panel=panel, files=named, valid_days=valid_days)
     if out is not None:
         write_content(Path(out), file)
-    for doubt in (*unset_polarizer(record.path, placeholder=record.session.polarizer.placeholder), *doubts):
+    for doubt in given.doubts:
         warn(doubt)
     for remark in file["remarks"]:
         note(remark)

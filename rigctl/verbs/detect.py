@@ -70,11 +70,10 @@ def detect(
     """
     import numpy as np
 
-    from rigctl.calibrations.noise import NoiseParameters
     from rigctl.comparison import detect as rx_detection
     from rigctl.comparison.predict_run import run_predictor
-    from rigctl.files.rig_file import unset_polarizer
-    from rigctl.measure.frames import RunCalibrations
+    from rigctl.measure.calibrations import calibrations_of_run
+    from rigctl.measure.frames import CalibrationPaths
     from rigctl.measure.measure import measure, signal_of_cycle
     from rigctl.runs.check import used_run
     from rigctl.scene.scene import scene_of_file
@@ -84,17 +83,17 @@ def detect(
     content = None if scene is None else scene_file_of(scene)
     drawn = regions_of(regions if content is None else content.regions)
     record = used_run(Path(run), **frames)
-    calibrated, doubts = (None, ()) if noise is None else NoiseParameters.read_fitting(Path(noise), record)
-    measurement = measure(record, regions=drawn, calibrations=RunCalibrations(noise=calibrated))
-    predicted = None
+    paths = CalibrationPaths(named={} if noise is None else {"noise": Path(noise)})
+    given, predicted = calibrations_of_run(paths, record, ()), None
+    measurement = measure(record, regions=drawn, calibrations=given)
     if content is not None:
         with solving_shown():
-            predictor = run_predictor(measurement, scene_of_file(content, calibrated))
+            predictor = run_predictor(measurement, scene_of_file(content, given.noise))
             predictions = predictor.predictions(predictor.inputs.values)
         predicted = {name: prediction.stokes_dn for name, prediction in predictions.items()}
     stokes = np.einsum("kn,nij->kij", measurement.plan.inverse, signal_of_cycle(measurement, 0))
     found = rx_detection.detect(measurement, stokes, background=background, target=target, predicted=predicted)
-    for doubt in (*unset_polarizer(record.path, placeholder=record.session.polarizer.placeholder), *doubts):
+    for doubt in given.doubts:
         warn(doubt)
     result = DetectResult(found=found)
     if out is not None:
