@@ -38,7 +38,7 @@ _READERS: tuple[tuple[str, ...] | None, ...] = (
     ("status", "RUN", "--page", "OUT.html"),
     ("compare", "RUN", "scene.toml", "--out", "OUT"),
 )
-_SAYING = ("unfinished", "damaged", "not to be trusted", "missing", "cannot be read")
+_SAYING = ("unfinished", "damaged", "unreliable", "missing", "cannot be read")
 _HEAVY, _HEAVY_SHARE = ("compare",), 0.2
 Damage = Callable[[Path, random.Random], str]
 

@@ -1,4 +1,4 @@
-"""Results as files for programs: tables as CSV and JSON, images as FITS, and what a comparison was made from.
+"""Results as files for programs: tables as CSV and JSON, images as FITS, and the provenance of a comparison.
 
 A number that does not exist is empty in CSV and null in JSON. Provenance names files with their hashes, settings and
 versions; folders are relative, and left out with --anonymous.
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def csv_rows(table: AnyTable, *, line_end: str = "\n") -> bytes:
-    """Return the columns that programs read as CSV, every number with all its digits."""
+    """Return the columns for programs as CSV, with all digits."""
     columns = table.shown(Shown.CSV)
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator=line_end)
@@ -49,13 +49,13 @@ def _cell(column: Column[Any], row: Any) -> Value:
 
 
 def json_rows(table: AnyTable) -> list[dict[str, Value]]:
-    """Return the columns that programs read, an object a row."""
+    """Return the columns for programs, one object per row."""
     columns = table.shown(Shown.JSON)
     return [{column.key: finite(column.value_of(row)) for column in columns} for row in table.rows]
 
 
 def finite(value: Value) -> Value:
-    """Return a value that JSON can hold: infinity (an ideal polarizer) and what does not exist are null."""
+    """Return a value for JSON: infinity (an ideal polarizer) and missing numbers are null."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -79,12 +79,12 @@ def fits_image(image: NDArray[np.generic], *, unit: str, what: str) -> bytes:
 
 _DEG_PER_RAD = 57.29577951308232
 
-# Of these figures in the last digit, and single pixels of figures, depend.
+# Last digits, and single pixels of figures, depend on these versions.
 _LIBRARIES = ("numpy", "scipy", "matplotlib", "opencv-contrib-python-headless", "reportlab")
 
 
 def provenance_json(found: Comparison) -> dict[str, Json]:
-    """Return what a comparison was made from and with, as JSON holds it, without absolute paths."""
+    """Return the provenance of a comparison as JSON, without absolute paths."""
     run = found.measurement.run
     told = {
         "program": f"rigctl {VERSION}",
@@ -98,7 +98,7 @@ def provenance_json(found: Comparison) -> dict[str, Json]:
 
 
 def _machine() -> dict[str, str]:
-    """Return what of this machine a report may depend on, in its last digits and single pixels."""
+    """Return the properties of this machine on which last digits and single pixels may depend."""
     return {name: version(name) for name in _LIBRARIES} | {
         "python": platform.python_version(),
         "processor": platform.machine(),
@@ -123,7 +123,7 @@ def _told_path(text: str, *, anonymous: bool) -> str:
 
 
 def source_table(found: Comparison) -> Table[tuple[str, str]]:
-    """Return where the frames come from and how they were taken, for people."""
+    """Return the source of the frames and their settings, for people."""
     facts = _facts(found.measurement, anonymous=is_anonymous())
     return Table(columns=text_columns("what", "which", left=(0, 1), wide=1), rows=tuple(facts.items()))
 

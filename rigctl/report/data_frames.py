@@ -1,4 +1,4 @@
-"""Numbers as tables of pandas or polars, one row a number; such packages are imported when asked for."""
+"""Numbers as tables of pandas or polars, one per row; these packages are imported on demand."""
 
 import importlib
 from collections.abc import Iterable, Mapping
@@ -21,7 +21,7 @@ def optional(name: str) -> Any:
 
 
 def data_frame(table: AnyTable, backend: Backend = "pandas") -> Any:
-    """Return the columns of a table that programs read, as a data frame."""
+    """Return the columns of a table for programs as a data frame."""
     if backend not in BACKENDS:
         raise ValueError(f"backend is {backend!r}; allowed are {', '.join(BACKENDS)}")
     columns = {column.key: [column.value_of(row) for row in table.rows] for column in table.shown(Shown.CSV)}
@@ -29,7 +29,7 @@ def data_frame(table: AnyTable, backend: Backend = "pandas") -> Any:
 
 
 def number_table(numbers: Iterable[Number], *, error: str) -> Table[Number]:
-    """Return numbers of regions as rows: region, quantity, statistic, value and, under a name, its error."""
+    """Return numbers of regions as rows: region, quantity, statistic, value and its error under a given name."""
     columns: tuple[Column[Number], ...] = (
         Column(key="region", value=lambda number: number[0]),
         Column(key="quantity", value=lambda number: number[1]),

@@ -1,4 +1,4 @@
-"""Detection as people and programs read it: the map of the RX statistic, measured and predicted ROC curves."""
+"""Detection for people and programs: the map of the RX statistic, measured and predicted ROC curves."""
 
 from __future__ import annotations
 
@@ -67,14 +67,14 @@ def _columns(found: RxOnRun) -> tuple[Column[int], ...]:
 
 
 def detection_json(found: RxOnRun) -> dict[str, Json]:
-    """Return the numbers as JSON holds them: points of the curves at round false alarm rates, and the area."""
+    """Return the numbers as JSON: points of the curves at round false alarm rates, and the area."""
     return {
         "schema_version": DETECTION_SCHEMA,
         "background": found.background,
         "target": found.target,
         "background_pixels": found.n_background,
         "target_pixels": found.n_target,
-        "threshold_law": "F law: background estimated from its pixels, tested pixel outside of them",
+        "threshold_law": "F law: background estimated from its pixels, without the tested pixel",
         "predicted_from": found.predicted_from,
         "band_level": found.band_level,
         "auc_known_background": found.auc,
@@ -107,7 +107,7 @@ def _nested(values: Any) -> Any:
 
 
 def roc_csv(curves: Mapping[RocKind, Sequence[PairDetection]]) -> bytes:
-    """Return curves as CSV: a row a false alarm probability of a point; the point counts the rows of sweep.csv."""
+    """Return curves as CSV, one row per point and false alarm probability; points are rows of sweep.csv."""
     rows: list[_Row] = [
         (point, kind, float(rate), float(detected), one.auc)
         for kind, found in curves.items()
@@ -140,9 +140,9 @@ def _at(rate: float) -> Any:
     return lambda row: f"{row[1].p_detection[int(np.argmin(np.abs(row[1].p_false_alarm - rate)))]:.5g}"
 
 
-# Logarithm of the statistic that one background pixel in ten exceeds.
+# Quantile of the statistic of background pixels at the lower end of the scale.
 _LEAST_SHOWN = 0.8
-# A legend has room for so many names.
+# Most names in a legend.
 _MOST_NAMED = 12
 
 
@@ -178,11 +178,11 @@ def roc_plot(found: RxOnRun) -> bytes:
 
 
 def roc_png(curves: Mapping[RocKind, Sequence[PairDetection]], labels: Sequence[str] = ("",)) -> bytes:
-    """Return a panel for each kind of vector, a curve for each point; of many a dozen are named, the others grey."""
+    """Return a panel for each kind of vector and a curve for each point; a dozen are named, others are grey."""
     from matplotlib import colormaps
 
     named = np.unique(np.linspace(0, len(labels) - 1, min(len(labels), _MOST_NAMED)).astype(int))
-    # Names of many curves stand below, where they hide none.
+    # Names of many curves go below the axes.
     figure, axes = subplots(1, len(curves), size=(5.6 * len(curves), 4.4 + 0.16 * len(named) * (len(labels) > 1)))
     for ax, (kind, found) in zip(axes, curves.items(), strict=True):
         colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(found)))

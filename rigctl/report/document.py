@@ -1,4 +1,4 @@
-"""Parts of a report, whatever it is written as: sections of text, tables, lists and pictures."""
+"""Parts of a report in any format: sections of text, tables, lists and pictures."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Terms:
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A figure as PNG, drawn once for all writers, with its caption."""
+    """A figure as PNG for all writers, with its caption."""
 
     png: bytes
     caption: str = ""
@@ -39,7 +39,7 @@ class Picture:
 
 @dataclass(frozen=True, kw_only=True)
 class Pictures:
-    """Pictures next to each other where there is room."""
+    """Pictures next to each other if there is room."""
 
     pictures: tuple[Picture, ...]
 
@@ -56,12 +56,12 @@ Block = Paragraph | Bullets | Terms | AnyTable | Picture | Pictures | Verbatim
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A heading and what stands under it.
+    """A heading and its content.
 
-    `folded` ones are closed at first where a page can be; those that are not `printed` stand on no paper.
+    `folded` sections are initially closed on a page; only `printed` ones are in the PDF.
     """
 
-    title: str  #: empty for what follows the verdict at once
+    title: str  #: empty for the content directly after the verdict
     blocks: tuple[Block, ...]
     folded: bool = False
     printed: bool = True
@@ -73,7 +73,7 @@ class Verdict:
 
     good: bool  #: Its colour.
     text: str  #: In a sentence.
-    reasons: tuple[tuple[str, str], ...] = ()  #: What it says beside: a word in bold (or nothing) and a text.
+    reasons: tuple[tuple[str, str], ...] = ()  #: A word in bold (or nothing) and a text.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,4 +83,4 @@ class Report:
     title: str  #: Heading, and what it is a report of.
     source: str
     sections: Sequence[Section]  #: What it says.
-    verdict: Verdict | None = None  #: What it comes to, where it judges.
+    verdict: Verdict | None = None  #: The verdict, if there is one.

@@ -1,4 +1,4 @@
-"""How figures look, and their way into PNG.
+"""Style of figures, and PNG output.
 
 Curves and bars are drawn by matplotlib (`subplots`, `png`). Maps of pixels (`DrawnPicture`) are drawn here without it:
 importing matplotlib takes longer than drawing them. AoLP has one cyclic colour map everywhere (`colour_table("aolp")`).
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-# Two colours that a colour-blind reader tells apart, and that differ in grey.
+# Two colours that differ for colour-blind readers and in grey.
 MEASURED, PREDICTED = "#d55e00", "#0072b2"
-# After Okabe and Ito, for lines that are many; styles tell them apart in grey, and where they lie on one another.
+# After Okabe and Ito, for many lines; styles distinguish them in grey and where they coincide.
 LINE_STYLES = ("-", "--", "-.", ":")
 COLOURS = cycler(color=["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"])
 _DPI = 110
@@ -41,7 +41,7 @@ _PNG_LEVEL = 3
 _KNOWN, _ROOM = 10.0, 1.3
 # From the axes to a legend below them.
 _NAMES_INCH = 0.55
-# Of words beneath a figure of 14 inch [characters].
+# Of text below a figure of 14 inch [characters].
 _LINE_LENGTH = 150
 
 
@@ -112,13 +112,13 @@ def legend_of_all(figure: Figure, axes: Axes, *, place: Literal["lower", "upper"
     """Set one legend for all panels below ("lower") or above ("upper") them; none where nothing has a name."""
     handles, labels = axes.get_legend_handles_labels()
     if handles:
-        # In places that are counted out there is room for it; elsewhere it takes its room.
+        # Fixed layouts have room for it; others make room.
         side = f"{place} center" if figure.get_layout_engine() is None else f"outside {place} center"
         figure.legend(handles, labels, loc=cast("Any", side), ncols=min(len(labels), 5), fontsize=8)
 
 
 def few_log_labels(axis: Axis) -> None:
-    """Label a logarithmic axis with plain numbers, at 1, 2 and 5 of a decade alone: more would lie on one another."""
+    """Label a logarithmic axis with plain numbers, at 1, 2 and 5 of a decade, to avoid overlaps."""
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "25" else "")
 
@@ -126,9 +126,9 @@ def few_log_labels(axis: Axis) -> None:
 def mark_beyond(
     axes: Axes, x: FloatArray, y: FloatArray, errors: FloatArray, *, trusted: NDArray[np.bool_] | None = None
 ) -> None:
-    """Fit the y axis to the points that are known best, and mark those beyond it at its edge.
+    """Fit the y axis to the most certain points, and mark others at its edge.
 
-    A point whose error is ten times the median's says little, and is not to hide what the others say.
+    Points with errors above ten times the median do not affect the axis.
     """
     known = errors <= _KNOWN * float(np.median(errors))
     known = known & trusted if trusted is not None and np.any(known & trusted) else known
@@ -146,7 +146,7 @@ def mark_beyond(
 
 
 def finish_picture(figure: Figure, ax: Axes, shown: ScalarMappable, *, title: str, label: str) -> None:
-    """Give a picture its title, its axes in pixels and a bar that tells its values."""
+    """Give a picture its title, axes in pixels and a colour bar."""
     ax.set_title(title)
     ax.set_xlabel("x [pixel]")
     ax.set_ylabel("y [pixel]")
@@ -187,15 +187,15 @@ def _keep_title(ax: Axes) -> None:
 AnyFloatArray = NDArray[np.floating]
 ByteArray = NDArray[np.uint8]
 
-# As matplotlib would have them: pixels of an inch, and sizes of text [point].
+# As in matplotlib: pixels per inch, and sizes of text [point].
 _INCH = 110.0
 _POINT = _INCH / 72.0
 _TITLE, _TEXT, _NAME = 12.0, 10.0, 8.0
-# The largest picture; less high than the least, its bar is higher than it.
+# Largest size of a picture, and least height of its bar.
 _WIDEST, _HIGHEST, _LEAST_BAR = 385, 902, 110
 _LEFT, _ABOVE, _BELOW = 82, 38, 60
 _GAP, _BAR, _TICK, _PAD = 13, 15, 5, 4
-# From tick to tick at least.
+# Least distance between ticks.
 _TICKS_APART_X, _TICKS_APART_Y = 55, 30
 # Lines are placed to a 16th of a pixel.
 _SHIFT = 4
@@ -206,8 +206,8 @@ _RED_BLUE = (
     *((5, 48, 97), (33, 102, 172), (67, 147, 195), (146, 197, 222), (209, 229, 240), (247, 247, 247)),
     *((253, 219, 199), (244, 165, 130), (214, 96, 77), (178, 24, 43), (103, 0, 31)),
 )
-# Of angles, cyclic, every 15 degrees of AoLP from 0 on: a circle about the axis of CIE L*a*b*, yellow and light at 0,
-# blue and dark at 90 degrees, which every eye tells apart. None is grey, to which pictures fade.
+# Cyclic, every 15 degrees of AoLP from 0: a circle about the axis of CIE L*a*b*, light yellow at 0, dark blue at 90
+# degrees, which colour-blind readers distinguish. None is grey, to which pictures fade.
 _ANGLES = (
     *((209, 182, 110), (166, 189, 115), (109, 183, 130), (22, 168, 149), (0, 150, 167), (0, 133, 179)),
     *((51, 120, 184), (123, 112, 180), (176, 111, 168), (215, 121, 151), (235, 142, 133), (233, 165, 117)),
@@ -224,18 +224,18 @@ Colours = Literal["gray", "viridis", "cividis", "aolp", "red-blue"]
 class DrawnPicture:
     """A picture that is to be shown."""
 
-    values: AnyFloatArray  #: NaN: the ground is seen.
+    values: AnyFloatArray  #: NaN shows the background.
     low: float  #: Values of the bar's ends.
     high: float
     colours: Colours  #: Between them.
     title: str  #: Above the picture, and beside the bar.
     label: str
-    opacity: AnyFloatArray | None = None  #: From 0, where the ground is seen, to 1.
+    opacity: AnyFloatArray | None = None  #: From 0 (background) to 1.
     ground: int = 255  #: Grey behind the picture, 0 to 255.
 
 
 def pictures_png(pictures: Sequence[DrawnPicture], *, regions: Sequence[Region] = ()) -> bytes:
-    """Return pictures beside each other, each with the outlines of regions, as the bytes of a PNG file."""
+    """Return pictures next to each other, with outlines of regions, as the bytes of a PNG file."""
     return _png_of(np.hstack(_padded([_panel(picture, regions) for picture in pictures], is_wide=False)))
 
 
@@ -260,7 +260,7 @@ def _png_of(panel: ByteArray) -> bytes:
 
 
 def _panel(picture: DrawnPicture, regions: Sequence[Region]) -> ByteArray:
-    """Return a picture with all that stands about it, blue first."""
+    """Return a picture with title, axes and key, blue first."""
     from PIL import Image, ImageDraw
 
     rows, columns = picture.values.shape
@@ -323,7 +323,7 @@ def _wheel(picture: DrawnPicture) -> Image.Image:
 
 
 def _frame(image: Image.Image, draw: ImageDraw.ImageDraw, picture: DrawnPicture, size: tuple[int, int]) -> None:
-    """Draw the axes about a picture of a size [pixels of the figure], and its title."""
+    """Draw the axes around a picture of a size [pixels of the figure], and its title."""
     (width, height), (rows, columns) = size, picture.values.shape
     below = _ABOVE + height
     draw.rectangle((_LEFT - 1, _ABOVE - 1, _LEFT + width, below), outline=_BLACK)
@@ -344,7 +344,7 @@ def _frame(image: Image.Image, draw: ImageDraw.ImageDraw, picture: DrawnPicture,
 
 
 def _coloured(picture: DrawnPicture, size: tuple[int, int]) -> ByteArray:
-    """Return the values of a picture in a size (width, height) as colours."""
+    """Return the values of a picture as colours, in a size (width, height)."""
     import cv2
 
     small = cv2.resize(np.asarray(picture.values), size, interpolation=cv2.INTER_NEAREST)
@@ -406,7 +406,7 @@ def _write_upwards(image: Image.Image, place: tuple[int, int], text: str) -> Non
 
 
 def _ticks(low: float, high: float, most: int, *, least: float = 0.0) -> tuple[list[float], list[str]]:
-    """Return round values between two, at most so many and at least so far apart, and how they are written."""
+    """Return round values between two, with limits on their number and distance, and their format."""
     span = (high - low) / max(most, 1)
     decade = 10.0 ** np.floor(np.log10(span))
     step = max(next(decade * factor for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if decade * factor >= span), least)
@@ -423,7 +423,7 @@ def _length(text: str, size: float) -> int:
 
 @cache
 def _font(size: float) -> ImageFont.FreeTypeFont:
-    """Return the font of the other figures in a size [point]; matplotlib brings it, and is not imported for it."""
+    """Return the font of the other figures in a size [point], from matplotlib's files without importing it."""
     from PIL import ImageFont
 
     found = find_spec("matplotlib")

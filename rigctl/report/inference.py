@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     FloatArray = NDArray[np.float64]
 
-# An input is taught something where its standard deviation falls by a tenth.
+# Least relative decrease of an input's standard deviation that counts as information.
 _TAUGHT = 0.9
-# Chance below which a region is not explained: one sound region in a thousand.
+# p-value below which a region is not explained: one sound region in a thousand.
 _UNEXPLAINED = 1e-3
 
 
@@ -37,7 +37,7 @@ def unexplained(found: Inference) -> tuple[str, ...]:
 
 
 def answer(found: Inference) -> str:
-    """Return what the runs taught, in a sentence, and whether the model explains them."""
+    """Return the information gained and whether the model explains the runs, in a sentence."""
     posterior = found.posterior
     taught = posterior.std < _TAUGHT * posterior.prior_std
     best = int(np.argmax(posterior.gain_bits))
@@ -66,18 +66,18 @@ def _missed(found: Inference, p_values: FloatArray) -> tuple[str, ...]:
 
 
 def doubts(found: Inference) -> Iterable[str]:
-    """Return which inputs cannot be distinguished, and of which the runs say next to nothing."""
+    """Return the inputs that cannot be distinguished, and those about which the runs have no information."""
     for group in found.indistinguishable:
         yield f"cannot be distinguished: {', '.join(group)}; only a combination of them is known"
     if found.evidence.untaught:
-        yield f"not inferred, since the runs say next to nothing of them: {', '.join(found.evidence.untaught)}"
+        yield f"not inferred, for lack of information in the runs: {', '.join(found.evidence.untaught)}"
     if found.posterior.impossible_share > 0.0:
         share = percent(found.posterior.impossible_share)
         yield f"the model does not exist at {share} of the checked draws, such as a dhr below the specular lobe"
 
 
 def effort(found: Inference) -> str:
-    """Return how well the chain has converged, and what the emulator's error is."""
+    """Return convergence of the chain and error of the emulator."""
     one = found.posterior
     return (
         f"converged: {one.steps / one.autocorrelation_steps:.0f} autocorrelation times of "
@@ -116,7 +116,7 @@ def inputs_table(found: Inference) -> Table[int]:
 
 
 def regions_table(found: Inference) -> Table[int]:
-    """Return how well each region is explained, and what discrepancy the model has there."""
+    """Return p-values and discrepancy of the model for each region."""
     mean, std = found.discrepancy
     columns: tuple[Column[int], ...] = (
         Column(title="region", text=lambda k: _place(found, k), left=True, unbroken=True),
@@ -144,7 +144,7 @@ def regions_table(found: Inference) -> Table[int]:
             text=lambda k: chance(found.p_values[k]),
         ),
     )
-    title = "off the model by; chance of the region's numbers by the model alone, and with its discrepancy"
+    title = "discrepancy of the model; p-value of the region's numbers for the model alone, and with its discrepancy"
     return Table(title=title, columns=columns, rows=tuple(range(len(found.evidence.regions))))
 
 
@@ -221,7 +221,7 @@ def _number(place: int) -> Callable[[FloatArray], float]:
 
 
 def _materials(found: Inference) -> dict[str, bytes]:
-    """Return a material file for each region of whose material something was inferred."""
+    """Return a material file for each region with an inferred material."""
     from rigctl.files.materials import material_toml
 
     files = {}
@@ -295,7 +295,7 @@ def _label(found: Inference, k: int) -> str:
 
 
 def check_png(found: Inference) -> bytes:
-    """Return measured numbers of each region over what the posterior predicts, with and without discrepancy."""
+    """Return measured numbers of each region with the prediction of the posterior, with and without discrepancy."""
     posterior, problem = found.posterior, found.evidence.problem
     total = problem.total_cov(posterior.scales) + posterior.emulator_cov
     centre = posterior.modelled.mean(axis=0)

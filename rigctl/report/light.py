@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-# What the light is made of, in the order in which it is shown.
+# Parts of the light, in their order.
 PARTS: dict[Source, str] = {
     "reflected_sun": "reflected sun",
     "reflected_sky": "reflected sky",
@@ -45,7 +45,7 @@ SCHEMA_VERSION = 1
 
 
 def light_json(found: ScenePrediction) -> dict[str, Json]:
-    """Return geometry and light of a scene as JSON holds them; nothing for a scene that is given by its radiance."""
+    """Return geometry and light of a scene as JSON; nothing for a scene of stated radiances."""
     if found.geometry is None:
         return {}
     return {"geometry": asdict(found.geometry), "light": {name: _light(light) for name, light in found.lights.items()}}
@@ -76,7 +76,7 @@ _PART_COLUMNS: tuple[Column[_Part], ...] = (
 
 
 def light_tables(found: ScenePrediction) -> Iterable[Table[_Part]]:
-    """Return a table for each region: what its light is made of."""
+    """Return a table of the parts of the light for each region."""
     for name, light in found.lights.items():
         title = (
             f"{name}: radiance at the aperture in W m-2 sr-1 in band, transmittance {light.transmittance:.4f}, "
@@ -86,13 +86,13 @@ def light_tables(found: ScenePrediction) -> Iterable[Table[_Part]]:
 
 
 def share_table(lights: Mapping[str, FieldLight]) -> Table[_Part]:
-    """Return what the light of regions is made of, with the share of each part."""
+    """Return the parts of the light of regions, with their shares."""
     rows = tuple(part for name, light in lights.items() for part in _parts(name, light))
     return Table(columns=_PART_COLUMNS, rows=rows)
 
 
 def phi_text(phi_deg: float) -> str:
-    """Return phi as a number above -180, to which an azimuth that is off in its last digits would be rounded."""
+    """Return phi above -180, to which rounding could take it."""
     text = f"{phi_deg:.2f}"
     return "180.00" if text == "-180.00" else text
 
@@ -111,7 +111,7 @@ def geometry_lines(found: ScenePrediction) -> Iterable[str]:
         if len(light.lights) > 1:
             yield f"{name}: {len(light.lights)} tiles of the field of view; light varies by {light.spread:.2%}"
         elif light.spread > 0.0:
-            yield f"{name}: taken as a point, light varies over its part of the field by {light.spread:.2%} of S0 only"
+            yield f"{name}: treated as a point, since light varies by only {light.spread:.2%} of S0 over it"
 
 
 def _irradiance(at: SceneGeometry | SkyMap) -> str:
@@ -132,13 +132,13 @@ def _light(light: FieldLight) -> dict[str, Json]:
 
 
 def stokes_cells(stokes: FloatArray) -> tuple[str, ...]:
-    """Return S0, S1, S2, DoLP and AoLP in degrees as they are shown."""
-    # Rounding leaves a part that is unpolarized by symmetry some 1e-17 of polarization.
+    """Return S0, S1, S2, DoLP and AoLP in degrees as text."""
+    # Light that is unpolarized by symmetry has a polarization of some 1e-17 from rounding.
     numbers = tuple(f"{0.0 if abs(value) < 1e-12 * stokes[0] else value:.4g}" for value in stokes)
     if not stokes[0] > 0.0:
         return (*numbers, "-", "-")
     degree = float(dolp(stokes))
-    # What rounds to 180 is 0.
+    # 180 after rounding is 0.
     angle_deg = round(float(np.degrees(aolp_rad(stokes))), 1) % 180.0
     return (*numbers, f"{degree:.4f}", f"{angle_deg:.1f}" if degree > 1e-6 else "-")
 
@@ -195,7 +195,7 @@ def kinds_table(found: tuple[SkyOfKind, ...]) -> Table[SkyOfKind]:
             text=lambda one: "-" if one.is_chosen else f"{sky_difference(one.sky, chosen.sky)['largest_dolp']:.3f}",
         ),
     )
-    return Table(title=f"{chosen.sky.name}; *: as the file has it", columns=columns, rows=found)
+    return Table(title=f"{chosen.sky.name}; *: as in the file", columns=columns, rows=found)
 
 
 def _place(one: SkyOfKind) -> str:
@@ -220,16 +220,16 @@ def kinds_json(found: tuple[SkyOfKind, ...]) -> dict[str, Json]:
     }
 
 
-# Darker than this nothing is seen; a sky without polarization still needs a scale.
+# Least end of a scale, for skies without polarization.
 _LEAST = 1e-12
 _MOST_COLUMNS = 4
-# What adds up to the light at the aperture, with its colour.
+# Parts of the light at the aperture, with colours.
 _SUMMANDS: dict[Source, str] = {"reflected_sun": "#e69f00", "reflected_sky": "#56b4e9", "path": "#999999"}
 _COMPONENTS = ("S0", "S1", "S2")
 
 
 def sky_picture(sky: SkyMap, *, title: Sequence[str] = (), beneath: Sequence[str] = ()) -> bytes:
-    """Return S0, S1, S2 and DoLP over the sky as a map: north at the top, east at the right, the horizon outside."""
+    """Return maps of S0, S1, S2 and DoLP over the sky: north at the top, east at the right, the horizon outside."""
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
@@ -305,14 +305,14 @@ def _even(values: FloatArray) -> Normalize:
 
 
 def light_figure(lights: Mapping[str, FieldLight]) -> bytes:
-    """Return the parts of the light of each region as bars, a panel a Stokes parameter; the stroke is the total."""
+    """Return the parts of the light of each region as bars, one panel per Stokes parameter; the stroke is the total."""
     figure, axes = subplots(1, 3, size=(11.0, 1.4 + 0.5 * len(lights)))
     names = list(lights)
     for component, ax in enumerate(axes):
         values = {part: np.array([light.mean(part)[component] for light in lights.values()]) for part in _SUMMANDS}
         up, down = np.zeros(len(names)), np.zeros(len(names))
         for part, colour in _SUMMANDS.items():
-            # Parts of opposite sign stand on opposite sides of zero.
+            # Parts of opposite sign go to opposite sides of zero.
             left = np.where(values[part] >= 0.0, up, down)
             ax.barh(names, values[part], left=left, color=colour, label=PARTS[part], height=0.6)
             up, down = up + np.maximum(values[part], 0.0), down + np.minimum(values[part], 0.0)

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
 AnyFloatArray = NDArray[np.floating]
 
-# An AoLP with a larger error than this fades: DoLP is below three of its errors.
+# Error of AoLP above which it fades, as DoLP is below three of its errors.
 _KNOWN_DEG = 10.0
-# Pictures show from the 1st to the 99.5th percentile, so that a few bright pixels do not darken the rest.
+# Percentiles at the ends of a picture's scale, so that a few bright pixels do not darken the rest.
 _SHOWN_PERCENTILES = (1.0, 99.5)
-# Grey, which is none of the cyclic colours.
+# Grey, not one of the cyclic colours.
 _UNKNOWN_GREY = 153
 # Least range of the colour bar, as a share of the values, for an even picture.
 _LEAST_SPAN = 1e-3
@@ -61,7 +61,7 @@ def scene_pictures(images: PolarizationImages, regions: Sequence[Region], *, uni
 
 
 def uncalibrated_pictures(images: PolarizationImages) -> bytes:
-    """Return the maps of S0, DoLP and AoLP of images without any calibration, which each title says."""
+    """Return the maps of S0, DoLP and AoLP of images, with titles that say "uncalibrated"."""
     maps = (*scene_maps(images, unit="DN"), aolp_map(images))
     return pictures_png([replace(one, title=f"{one.title}, uncalibrated") for one in maps])
 
@@ -140,7 +140,7 @@ def write_detection(found: RxOnRun, out: Path) -> tuple[str, ...]:
 
     contents = {
         "rx.fits": fits_image(
-            found.statistic, unit="", what=f"RX statistic D against {found.background}; NaN: no meaning"
+            found.statistic, unit="", what=f"RX statistic D against {found.background}; NaN: undefined"
         ),
         "rx.png": statistic_picture(found),
         # Line ends of RFC 4180.

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 _BEST, _STANDARD = "best", "EMVA 1288"
 _NOT_KNOWN, _NOT_DETERMINED = "not known", "not determined"
-# Digits of a number without an error, and from where on powers of ten are written.
+# Digits of a number without an error, and limit for powers of ten.
 _MOST_DIGITS, _LARGE, _THOUSAND = 6, 1e6, 1e3
 # Title, unit, factor from the file's unit to this one, key of the best number, key of the standard's.
 _ROWS: tuple[tuple[str, str, float, str | None, str | None], ...] = (
@@ -80,15 +80,15 @@ _ROWS: tuple[tuple[str, str, float, str | None, str | None], ...] = (
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationRow:
-    """A quantity with its numbers as text, each to the digits that its error allows."""
+    """A quantity with its numbers as text, to the digits of their errors."""
 
     title: str
     unit: str
-    #: value that the model uses, standard error, and number of frames; empty where only the standard has the quantity
+    #: value used by the model, standard error, and number of frames; empty if only the standard has the quantity
     value: str
     error: str
     frames: str
-    emva_value: str  #: the same of EMVA 1288, and its symbol; empty where the standard lacks the quantity
+    emva_value: str  #: the same of EMVA 1288, and its symbol; empty if the standard lacks the quantity
     emva_error: str
     emva_frames: str
     symbol: str
@@ -116,7 +116,7 @@ _SHEET_COLUMNS: tuple[Column[CalibrationRow], ...] = (
 
 
 def calibration_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:
-    """Return the numbers of a calibration that are known, or bounds, next to those of the standard."""
+    """Return the known numbers of a calibration, or bounds, next to those of the standard."""
     missing = ("", _NOT_KNOWN, _NOT_DETERMINED)
     return Table(
         columns=_COLUMNS, rows=tuple(row for row in rows if row.value not in missing or row.emva_value not in missing)
@@ -124,7 +124,7 @@ def calibration_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:
 
 
 def sheet_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:
-    """Return the numbers that the standard's summary sheet has."""
+    """Return the numbers of the standard's summary sheet."""
     return Table(columns=_SHEET_COLUMNS, rows=tuple(row for row in rows if row.symbol))
 
 
@@ -134,7 +134,7 @@ def calibration_rows(noise: NoiseCalibration) -> list[CalibrationRow]:
 
 
 def unknown_lines(noise: NoiseCalibration) -> list[str]:
-    """Return a line for each reason why numbers are not known, with what to do about it."""
+    """Return a line for each reason for missing numbers, with the remedy."""
     reasons = not_known(noise)
     titles: dict[str, list[str]] = {}
     for title, _, _, key, emva_key in _ROWS:
@@ -188,7 +188,7 @@ def _cells(found: Estimate | EmvaFigure | None, factor: float, missing: str) -> 
 
 
 def _rounded(number: float, digits: int) -> str:
-    """Return a number to so many digits after the point; below 0, to so many before it."""
+    """Return a number to a number of digits after the point; a negative one counts digits before it."""
     rounded = round(number, digits)
     return _brief(rounded) if abs(rounded) >= _LARGE else f"{rounded:.{max(digits, 0)}f}"
 
@@ -206,16 +206,16 @@ FloatArray = NDArray[np.float64]
 _GREY = "0.45"
 _MS_PER_S = 1e3
 _LONG_BAR = 10.0
-# A level fainter than this share of the brightest says nothing of a line.
+# Least signal for the line, as a share of the brightest.
 _FAINT = 0.01
 _WRONG_LIGHT = ("wrong_light", "another_gain", "wrong_level")
 _LIGHT_GREY = "0.62"
-# Times the median error, and relative, that a point may have to count for the axes.
+# Largest error of a point that affects the axes, over the median error, and relative.
 _KNOWN, _LEAST_KNOWN = 10.0, 0.3
 
 
 def linearity_png(calibration: NoiseCalibration) -> bytes | None:
-    """Return mean against light, and how far it is from a straight line; None where no light is known."""
+    """Return mean against light, and its deviation from a straight line; None if no light is known."""
     light, label = _light(calibration.flats)
     if light is None:
         return None
@@ -225,7 +225,7 @@ def linearity_png(calibration: NoiseCalibration) -> bytes | None:
     for chosen, marker, colour, name in (
         (used & ~named, "o", MEASURED, "flats used"),
         (~used & ~named, "x", _GREY, "flats left out"),
-        (named, "s", "black", "flats named as wrong"),
+        (named, "s", "black", "flats flagged as wrong"),
     ):
         if chosen.any():
             above.plot(light[chosen], signal_dn[chosen], marker, ms=5, color=colour, label=name)
@@ -242,7 +242,7 @@ def linearity_png(calibration: NoiseCalibration) -> bytes | None:
     above.set(xlabel=label, ylabel="signal above dark [DN]", title="Linearity")
     off = 100.0 * (signal_dn[used] / np.polyval(line, light[used]) - 1.0)
     errors = _relative_errors(calibration)
-    # A bar that is longer than the axes would be a line across them.
+    # A bar longer than the axes would cross them as a line.
     shown_errors = np.where(errors <= _LONG_BAR * np.median(errors), errors, np.nan)
     below.errorbar(signal_dn[used], off, shown_errors, fmt="o", ms=4, color=MEASURED, label="flats used")
     mark_beyond(below, signal_dn[used], off, errors, trusted=sound[used])
@@ -255,7 +255,7 @@ def linearity_png(calibration: NoiseCalibration) -> bytes | None:
 
 
 def _relative_errors(calibration: NoiseCalibration) -> FloatArray:
-    """Return the sampling error of the mean of each level that is used [%]."""
+    """Return the sampling error of the mean of each used level [%]."""
     points, used = calibration.transfer.points, calibration.transfer.used
     n = np.array([level.n_frames * level.n_pixels for level in calibration.flats])[used]
     errors: FloatArray = 100.0 * np.sqrt(points.flat_variance_dn2[used] / n) / points.signal_dn[used]
@@ -267,7 +267,7 @@ def _draw_response(axes: Axes, calibration: NoiseCalibration) -> None:
     if curve is None:
         return
     response = np.polynomial.Polynomial([0.0, 1.0, curve.quadratic_per_dn, curve.cubic_per_dn2])
-    # By the same weights, at the levels, as the line above.
+    # With the same weights at the levels as the line above.
     line = np.polyfit(signal_dn, response(signal_dn), 1, w=1.0 / signal_dn)
     x = np.linspace(max(signal_dn.min(), 0.05 * signal_dn.max()), signal_dn.max(), 200)
     off = 100.0 * (response(x) / np.polyval(line, x) - 1.0)
@@ -285,7 +285,7 @@ def _light(flats: tuple[LevelStatistics, ...]) -> tuple[FloatArray | None, str]:
 
 
 def dark_png(calibration: NoiseCalibration) -> bytes | None:
-    """Return mean and variance of the dark frames against exposure; None where exposures are not known."""
+    """Return mean and variance of the dark frames against exposure; None if exposures are unknown."""
     exposures = [level.exposure_s for level in calibration.darks if level.exposure_s is not None]
     if not exposures or len(exposures) < len(calibration.darks):
         return None
@@ -314,7 +314,7 @@ def dark_png(calibration: NoiseCalibration) -> bytes | None:
     if fitted is not None:
         label = _line_label(calibration, calibration.performance.dark_current_variance_e_per_s)
         right.plot(_MS_PER_S * shown_s, fitted, color=PREDICTED, label=label)
-    right.set(ylabel="variance in time [DN$^2$]", title="Dark noise")
+    right.set(ylabel="temporal variance [DN$^2$]", title="Dark noise")
     for axes in (left, right):
         axes.set_xlabel("exposure time [ms]")
         axes.locator_params(axis="x", nbins=6)
@@ -332,13 +332,13 @@ def _line_label(calibration: NoiseCalibration, dark_current_e_per_s: Estimate | 
 
 
 def snr_png(calibration: NoiseCalibration) -> bytes:
-    """Return the signal-to-noise ratio of a pixel against its signal; of a read noise that is a bound its curve."""
+    """Return the signal-to-noise ratio of a pixel against its signal, or its bound if the read noise is a bound."""
     gain, points = calibration.gain_dn_per_e.value, calibration.transfer.points
     shown = (points.signal_dn > 0.0) & (points.flat_variance_dn2 > 0.0) & ~points.saturated
     signal_e = points.signal_dn[shown] / gain
     figure, (axes,) = subplots(1, 1, size=(9.6, 4.8))
     ratio = points.signal_dn[shown] / np.sqrt(points.flat_variance_dn2[shown])
-    axes.plot(signal_e, ratio, "o", ms=5, color=MEASURED, label="flats, noise in time")
+    axes.plot(signal_e, ratio, "o", ms=5, color=MEASURED, label="flats, temporal noise")
     x = np.geomspace(1.0, signal_e.max(), 300)
     _draw_expected_ratio(axes, calibration, x)
     axes.plot(x, np.sqrt(x), color=_GREY, ls=":", label="photons alone")
@@ -347,7 +347,7 @@ def snr_png(calibration: NoiseCalibration) -> bytes:
     few_log_labels(axes.yaxis)
     axes.set_title("Signal-to-noise ratio")
     axes.set_ylim(bottom=0.05)
-    # A level of less than an electron is a dark one.
+    # A level below an electron is dark.
     axes.set_xlim(left=0.7)
     _finish(axes)
     return png(figure)
@@ -384,9 +384,9 @@ def _finish(axes: Axes) -> None:
 def photon_transfer_png(calibration: NoiseCalibration) -> bytes:
     """Return the photon-transfer plot as a PNG file: noise against signal, and residuals of the fit.
 
-    Above, on log axes: standard deviation in time of a pixel, the fit, and the regimes that it is made of: dark noise
-    (slope 0), noise of photons (slope 1/2), and the fixed pattern (slope 1), which is no noise in time. Below: how far
-    the points of the variance are from the fit, with their sampling errors, and where the standard's line goes.
+    Above, on log axes: temporal standard deviation of a pixel, the fit, and its regimes: dark noise (slope 0), photon
+    noise (slope 1/2), and the fixed pattern (slope 1), which is not temporal. Below: deviations of the variance from
+    the fit, with their sampling errors, and the standard's line.
     """
     figure, _ = subplots(1, 1, size=(9.6, 7.0))
     figure.clear()
@@ -423,10 +423,10 @@ def _draw_noise(axes: Axes, calibration: NoiseCalibration) -> None:
         )
     rising = (fit_dn2 > 0.0) & (signal_dn <= 1.3 * transfer.top_dn)
     gain = calibration.gain_dn_per_e
-    label = f"fit: gain {gain.value:.4g} ± {gain.std_error:.2g} DN/e- at no signal"
+    label = f"fit: gain {gain.value:.4g} ± {gain.std_error:.2g} DN/e- at zero signal"
     axes.plot(signal_dn[rising], np.sqrt(fit_dn2[rising]), color=PREDICTED, label=label)
     _draw_regimes(axes, calibration, signal_dn, dark_dn=float(np.sqrt(dark_dn2)))
-    axes.set(xscale="log", yscale="log", ylabel="noise of a pixel in time [DN]", title="Photon transfer")
+    axes.set(xscale="log", yscale="log", ylabel="temporal noise of a pixel [DN]", title="Photon transfer")
     few_log_labels(axes.yaxis)
     axes.set_xlim(_left_dn(calibration), 1.3 * float(points.signal_dn.max()))
     axes.set_ylim(bottom=0.3 * np.sqrt(max(dark_dn2, 1.0 / 12.0)))
@@ -495,7 +495,7 @@ _COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:purple", "tab:brown", "t
 
 
 def history_png(histories: Sequence[History]) -> bytes:
-    """Return the picture: one panel a quantity, one colour a device, points outside the limits ringed in red."""
+    """Return the picture: one panel per quantity, one colour per device, points outside the limits ringed in red."""
     from matplotlib.figure import Figure
 
     quantities = [name for name in _TITLES if any(one.quantity == name for one in histories)]
@@ -534,7 +534,7 @@ SingleArray = NDArray[np.float32]
 
 _SHOWN_PERCENTILES = (0.5, 99.5)
 PERCENT = 100.0
-# More pixels than this are averaged for a picture on a page.
+# Pixels of a picture on a page; larger ones are averaged.
 _WIDEST = 900
 _LEAST_COUNT = 0.5
 _DEFECT_COLOURS = {
@@ -549,13 +549,13 @@ _MARKERS = dict(zip(_DEFECT_COLOURS, "ov^sDx", strict=True))
 
 
 def maps_png(pattern: FixedPattern) -> bytes:
-    """Return the dark mean, the response and the temporal noise of each pixel as pictures, and where defects are."""
+    """Return pictures of dark mean, response, temporal noise and defects."""
     response = PERCENT * (pattern.flat.mean_dn - pattern.dark.mean_dn) / pattern.signal_dn
     height, width = response.shape
     figure, axes = subplots(2, 2, size=(10.8, min(max(8.4 * height / width + 1.4, 4.0), 18.0)))
     _map(figure, axes[0], pattern.dark.mean_dn, title="Dark mean", label="mean [DN]")
     _map(figure, axes[1], response, title="Response", label="signal over its mean [%]")
-    _map(figure, axes[2], np.sqrt(pattern.dark.temporal_variance_dn2), title="Dark noise in time", label="noise [DN]")
+    _map(figure, axes[2], np.sqrt(pattern.dark.temporal_variance_dn2), title="Temporal dark noise", label="noise [DN]")
     _defects(axes[3], pattern)
     return png(figure)
 
@@ -580,7 +580,7 @@ def _defects(axes: Axes, pattern: FixedPattern) -> None:
         y, x = np.nonzero(mask & Defect[name.upper()].value)
         (shown,) = axes.plot(x, y, _MARKERS[name], ms=4, color=_DEFECT_COLOURS[name], label=f"{name}: {count}")
         shown.set_markerfacecolor("none")
-    axes.set(xlabel="x [pixel]", ylabel="y [pixel]", title=f"{pattern.defects.n_defect} pixels unlike the others")
+    axes.set(xlabel="x [pixel]", ylabel="y [pixel]", title=f"{pattern.defects.n_defect} outlying pixels")
     if not pattern.defects.n_defect:
         axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center")
         return
@@ -588,7 +588,7 @@ def _defects(axes: Axes, pattern: FixedPattern) -> None:
 
 
 def histograms_png(pattern: FixedPattern) -> bytes:
-    """Return logarithmic histograms of the pixels' deviations from their neighbours, and the accumulated ones."""
+    """Return logarithmic and accumulated histograms of the pixels' deviations from their neighbours."""
     figure, axes = subplots(2, 2, size=(10.4, 6.6))
     for column, (found, factor, what) in enumerate(
         (
@@ -617,7 +617,7 @@ def _accumulated(axes: Axes, found: PatternHistogram, factor: float, what: str) 
     axes.set(
         yscale="log",
         xlabel=f"|{what.partition(' [')[0]}| [{what.partition('[')[2]}",
-        ylabel="pixels at least so far off [%]",
+        ylabel="pixels with at least this deviation [%]",
     )
     axes.set_ylim(0.5 * PERCENT / found.counts.sum(), 200.0)
     axes.grid(alpha=0.3, lw=0.4)
@@ -647,7 +647,7 @@ def _spectrogram(axes: Axes, found: Spectrogram, factor: float, noise: float) ->
     axes.semilogy(
         found.frequency_per_pixel, factor * found.amplitude, color=MEASURED, lw=0.9, label="fixed pattern and noise"
     )
-    axes.axhline(factor * noise, color=PREDICTED, ls="--", lw=1.2, label="rest of the noise in time")
+    axes.axhline(factor * noise, color=PREDICTED, ls="--", lw=1.2, label="remaining temporal noise")
     axes.axhline(factor * found.median, color="0.45", ls=":", lw=1.2, label="median: independent pixels")
     axes.grid(alpha=0.3, which="both", lw=0.4)
     few_log_labels(axes.yaxis)
@@ -657,28 +657,27 @@ def _spectrogram(axes: Axes, found: Spectrogram, factor: float, noise: float) ->
 _DECIBEL = 20.0
 _MADE_FOR = ("camera_model", "camera_serial", "gain_db", "pixel_format", "binning")
 _NUMBERS = (
-    "Left the values that the model uses (best: weighted fits with the response of the sensor); right the fits of EMVA "
+    "Left the values used by the model (best: weighted fits with the response of the sensor); right the fits of EMVA "
     "Standard 1288, Release 4.0 Linear, for comparison with data sheets. Errors are standard errors; those of the "
-    "standard's numbers are by leaving out one level after the other."
+    "standard's numbers come from leaving out one level after the other."
 )
 _TRANSFER = (
-    "Noise in time against signal: dark noise, noise of photons and fixed pattern as lines; below, how far the "
-    "variances are from the fit."
+    "Temporal noise against signal, with dark noise, photon noise and fixed pattern as lines; below, deviations of the "
+    "variances from the fit."
 )
 _LINEARITY = (
-    "Mean against light; below, how far it is from a straight line. Error bars are the sampling of the means, often "
-    "smaller than a point."
+    "Mean against light; below, its deviation from a straight line. Error bars are the sampling errors of the means, "
+    "often smaller than a point."
 )
 _DARK = "Mean and variance of dark frames against exposure{}."
 _DARK_CURRENT = "; slopes of both are dark current, in electrons"
 _SNR = "Signal over noise of one pixel in one frame."
 _MAPS = (
-    "Each pixel: mean in the dark, response to light, noise in the dark, and pixels that are further from the others "
-    "than 6 standard deviations."
+    "Each pixel: dark mean, response to light, dark noise, and pixels more than 6 standard deviations from the others."
 )
 _HISTOGRAMS = (
-    "How far pixels are from the mean of the 5 x 5 pixels around them, on logarithmic axes; below, how many are at "
-    "least so far."
+    "Deviations of pixels from the mean of the 5 x 5 pixels around them, on logarithmic axes; below, numbers of pixels "
+    "with at least this deviation."
 )
 _SHEET = (
     "Not measured here, and therefore not stated: spectral responsivity, microlens angle, non-whiteness by section. "
@@ -722,7 +721,7 @@ def calibration_report(noise: NoiseCalibration, frames: FrameSet, *, created_utc
 
 def _flags(flags: tuple[Flag, ...]) -> Block:
     if not flags:
-        return Paragraph(text="Nothing odd was found.")
+        return Paragraph(text="No findings.")
     return Terms(items=tuple((flag.name, flag.message) for flag in flags))
 
 
@@ -737,7 +736,7 @@ def _curves(noise: NoiseCalibration) -> Iterable[Section]:
 
 
 def _pictured(title: str, png: bytes | None, caption: str, *, otherwise: str = "There is nothing to draw.") -> Section:
-    """Return a section with a figure; with words where there is nothing to draw."""
+    """Return a section with a figure, or with words if there is nothing to draw."""
     if png is not None:
         return Section(title=title, blocks=(Picture(png=png, caption=caption),))
     return Section(title=title, blocks=(Paragraph(text=otherwise),))
@@ -778,7 +777,7 @@ def _remarks(best: Performance) -> list[str]:
         )
         found.append(f"dark current by mean and by variance are {score:+.1f} standard errors apart, {word}")
     if best.quantum_efficiency is not None:
-        found.append("the error of the quantum efficiency does not hold that of the photons as stated")
+        found.append("the error of the quantum efficiency does not include that of the stated photons")
     return found
 
 

@@ -1,7 +1,6 @@
-"""Numbers of a prediction and of a measurement in JSON, in one shape, and what people noted of a run.
+"""Numbers of a prediction and of a measurement in JSON, in one shape, and notes on a run.
 
-``regions.NAME.QUANTITY.STATISTIC`` is a number in a prediction; in a measurement there is ``STATISTIC_std_error``
-beside it.
+``regions.NAME.QUANTITY.STATISTIC`` is a number in a prediction; a measurement also has ``STATISTIC_std_error``.
 """
 
 from __future__ import annotations
@@ -36,14 +35,14 @@ STATISTICS = {
     "std": "standard deviation over pixels, spatial, of one frame or cycle (s1n, s2n, dolp, aolp_deg: first order)",
     "std_temporal": "standard deviation of a pixel from repeat to repeat",
     "std_spatial_mean": "standard deviation over pixels, spatial, of the mean of all repeats",
-    "first_order": "the same to first order, as [MK14] has it; shown, not compared",
+    "first_order": "the same to first order, as in [MK14]; shown, not compared",
 }
 
 
 def prediction_json(
     predictions: Mapping[str, RegionPrediction], performance: Performance, *, remarks: Iterable[str]
 ) -> dict[str, Json]:
-    """Return predictions, and what they are worth, as JSON holds them."""
+    """Return predictions and their accuracy as JSON."""
     return {
         "schema_version": SCHEMA_VERSION,
         "statistics": STATISTICS,
@@ -60,7 +59,7 @@ def prediction_json(
 
 
 def _strength(found: PolarizationStrength | None) -> dict[str, Json] | None:
-    """Return the law of a region's DoLP in a few numbers; nothing where there is no light."""
+    """Return quantiles of a region's DoLP; nothing without light."""
     if found is None:
         return None
     quantiles = {f"{p:g}": float(q) for p, q in zip(found.probabilities, found.quantiles, strict=True)}
@@ -84,7 +83,7 @@ def _pair(pair: PairDetection) -> dict[str, Json]:
 
 
 def measurement_json(measurement: Measurement, textures: dict[str, Texture] | None = None) -> dict[str, Json]:
-    """Return what a run measured as JSON holds it, with the textures of its regions where they are known."""
+    """Return the numbers of a run as JSON, with known textures of its regions."""
     grid = measurement.grid
     content: dict[str, Json] = {
         "schema_version": SCHEMA_VERSION,
@@ -109,7 +108,7 @@ def measurement_json(measurement: Measurement, textures: dict[str, Texture] | No
 
 
 def texture_json(texture: Texture) -> dict[str, Json]:
-    """Return the texture of a region as JSON holds it: of (S0, S1, S2), in the square of the measurement's unit."""
+    """Return the texture of a region as JSON: of (S0, S1, S2), in the square of the measurement's unit."""
     return {
         "cov": [*covariance_rows(texture.cov)],
         "std_error": texture.std_error.tolist(),
@@ -120,7 +119,7 @@ def texture_json(texture: Texture) -> dict[str, Json]:
 
 
 def diagnosis_json(found: RunDiagnosis | None) -> dict[str, Json]:
-    """Return what a run says of its own faults as JSON holds it."""
+    """Return the faults found in a run as JSON."""
     if found is None:
         return {"terms": [], "first": None, "named": [], "reason": "not asked"}
     first = found.first
@@ -150,7 +149,7 @@ def _fault(term: FaultTerm) -> dict[str, Json]:
 
 
 def pixels_json(region: MeasuredRegion) -> dict[str, float]:
-    """Return how many pixels of a region were used, and how many not."""
+    """Return the numbers of used and unused pixels of a region."""
     return {
         "used": region.pixels,
         "excluded": region.excluded,
@@ -161,7 +160,7 @@ def pixels_json(region: MeasuredRegion) -> dict[str, float]:
 
 
 def region_statistics(region: MeasuredRegion) -> dict[str, dict[str, float]]:
-    """Return every measured number of a region, its standard error beside it, by quantity and statistic.
+    """Return every measured number of a region with its standard error, by quantity and statistic.
 
     DoLP has its intervals too: ``mean_68_low``, ``mean_68_high``, and those of 95 %.
     """
@@ -194,16 +193,16 @@ def annotation_table(annotations: Sequence[Annotation]) -> Table[Annotation]:
 
 
 def annotation_sections(annotations: Sequence[Annotation]) -> Iterable[Section]:
-    """Give the section of a report on what is noted of a run; none where nothing is."""
+    """Yield the section of a report with the notes on a run, if there are any."""
     if annotations:
         yield Section(title=_TITLE, blocks=(annotation_table(annotations),))
 
 
 def annotations_json(annotations: Sequence[Annotation]) -> list[Json]:
-    """Return what is noted of a run as JSON holds it."""
+    """Return the notes on a run as JSON."""
     return [asdict(one) for one in annotations]
 
 
 def annotations_of(run: Run, left_out: Sequence[str]) -> dict[str, Json]:
-    """Return what a result in JSON says of an annotated run: all that is noted, and which frames are not used."""
+    """Return notes and unused frames of a run, for a result in JSON."""
     return {"annotations": annotations_json(run.annotations), "left_out": list(left_out)} if run.annotations else {}

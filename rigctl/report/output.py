@@ -1,4 +1,4 @@
-"""A report as one HTML page that needs no other file, as pieces for a notebook, and as files in a folder."""
+"""A report as one self-contained HTML page, as pieces for a notebook, and as files in a folder."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def html(report: Report) -> str:
-    """Return the report as HTML that needs no other file."""
+    """Return the report as self-contained HTML."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(
@@ -44,12 +44,12 @@ def _embedded(png: bytes) -> Markup:
 
 
 def _finished(value: object) -> object:
-    """Return a value as it is shown; what is marked is none that people read."""
+    """Return a value for display."""
     return told(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def table_fragment(table: AnyTable, *, most: int = 60) -> str:
-    """Return a table; of more than `most` rows the first, and how many there are."""
+    """Return a table, shortened to `most` rows with the total number."""
     columns = table.shown(Shown.TERMINAL)
     title = f"<caption>{escape(table.title)}</caption>" if table.title else ""
     head = "".join(f"<th>{escape(column.title)}</th>" for column in columns)
@@ -71,7 +71,7 @@ def picture_fragment(png: bytes, *, width_px: int = 640) -> str:
 
 
 def report_file(report: Report, path: Path) -> bytes:
-    """Return the report as PDF where the file's name ends in .pdf, as HTML otherwise."""
+    """Return the report as PDF if the file's name ends in .pdf, as HTML otherwise."""
     if path.suffix.lower() == ".pdf":
         from rigctl.report.pdf import pdf
 
@@ -81,9 +81,9 @@ def report_file(report: Report, path: Path) -> bytes:
 
 
 def write_folder(out: Path, contents: Mapping[str, bytes]) -> tuple[str, ...]:
-    """Write files into a folder, which is made where it is not there; return their names.
+    """Write files into a folder, which is created if needed; return their names.
 
-    Results of the same names are replaced where they are of rigctl, and of this very command unless it was forced.
+    Results of rigctl with the same names are replaced, those of other commands only if forced.
     """
     require_replaceable(out / name for name in contents)
     out.mkdir(parents=True, exist_ok=True)

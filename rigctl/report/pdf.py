@@ -27,19 +27,19 @@ if TYPE_CHECKING:
     from rigctl.report.table import AnyTable, Column
 
 
-# Bytes as they are: base 85 makes a file a quarter longer, and takes as long as all else.
+# Raw bytes: base 85 makes a file a quarter longer and doubles the time.
 rl_config.useA85 = 0
 
 _MARGIN = 17 * mm
 _WIDTH = A4[0] - 2 * _MARGIN
 _HEIGHT = A4[1] - 2 * _MARGIN - 12 * mm
-# In print a provenance longer than this says no more than its JSON file does.
+# Most printed lines of provenance; the JSON file has all.
 _VERBATIM_LINES, _VERBATIM_COLUMNS = 120, 118
 # A small picture stays small.
 _POINTS_PER_PIXEL = 0.6
 _TABLE_POINTS, _LEAST_POINTS, _CELL_PADDING = 7.0, 4.6, 5.5
 _BLUE, _ORANGE, _PALE = colors.HexColor("#0072b2"), colors.HexColor("#d55e00"), colors.HexColor("#fbe9df")
-# The standard fonts of PDF have these only.
+# Characters of the standard fonts of PDF.
 _TRANSLATED = str.maketrans({"–": "-", "−": "-", "±": "±"})
 
 _BODY = ParagraphStyle("body", fontName="Helvetica", fontSize=8.5, leading=11.5, spaceAfter=4)
@@ -111,7 +111,7 @@ def _section(section: Section) -> Iterable[Any]:
     heading = Text(_safe(section.title), _HEADING)
     for place, block in enumerate(section.blocks):
         drawn = _DRAWN[type(block)](block)
-        # A heading stays with what stands under it, a picture with its caption; a table may be longer than a page.
+        # A heading stays with its content, a picture with its caption; a table may be longer than a page.
         if isinstance(block, Table | Verbatim):
             heading.keepWithNext = place == 0
             yield from [heading, *drawn] if place == 0 else drawn
@@ -190,7 +190,7 @@ def _table(block: AnyTable) -> list[Any]:
     columns, texts = block.shown(Shown.PAGE), block.texts(Shown.PAGE)
     points, widths, breaks = _fitted(columns, texts)
     head = _head(block, columns, points)
-    # Text alone is drawn ten times as fast as a paragraph, and is enough where nothing breaks.
+    # Text without line breaks is drawn ten times as fast as a paragraph.
     grid: list[list[Any]] = [
         [
             _cell(text, column, points) if broken else _plain(text)
@@ -214,7 +214,7 @@ def _table(block: AnyTable) -> list[Any]:
 
 
 def _head(block: AnyTable, columns: tuple[Column[Any], ...], points: float) -> list[list[Any]]:
-    """Return the lines of headings: over groups of columns where there are any, and over columns."""
+    """Return the lines of headings: of groups of columns, if any, and of columns."""
     from reportlab.platypus import Paragraph as Text
 
     rows = []
@@ -245,7 +245,7 @@ def _style(points: float, font: str) -> ParagraphStyle:
 
 
 def _fitted(columns: tuple[Column[Any], ...], texts: list[tuple[str, ...]]) -> tuple[float, list[float], list[bool]]:
-    """Return size of the type, widths of the columns so that a table fits the page, and whose cells are to break."""
+    """Return font size, column widths for a table on the page, and the columns whose cells wrap."""
     points = _TABLE_POINTS
     natural = [_natural_width(column, [row[k] for row in texts]) for k, column in enumerate(columns)]
     widths = [width + _CELL_PADDING for width in natural]
@@ -261,7 +261,7 @@ def _fitted(columns: tuple[Column[Any], ...], texts: list[tuple[str, ...]]) -> t
 
 
 def _natural_width(column: Column[Any], cells: list[str]) -> float:
-    """Return what a column takes: a header breaks between words; cells do not, but for the wide column."""
+    """Return the width of a column: headers wrap between words, cells only in the wide column."""
     from reportlab.pdfbase.pdfmetrics import stringWidth
 
     widths = [stringWidth(word, "Helvetica-Bold", _TABLE_POINTS) for word in _plain(column.title).split()]

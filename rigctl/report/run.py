@@ -1,4 +1,4 @@
-"""The page on how a session went: its frames, the sun, light and polarization by cycle, counts, events."""
+"""The page on a session: its frames, the sun, light and polarization by cycle, counts, events."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from rigctl.session.status import Estimate
 
 
-# From here on times are in hours, and below this in seconds.
+# Time above which hours are used, and below which seconds.
 _LONG_S, _SHORT_S = 5400.0, 120.0
 
 
@@ -61,7 +61,7 @@ def _label(record: FrameRecord) -> str:
 
 
 def count_plot(run: Run, means: Means) -> bytes:
-    """Return mean counts against time, by kind of frame and angle; darks have an axis of their own."""
+    """Return mean counts against time, by kind of frame and angle, with a separate axis for darks."""
     groups: dict[str, list[FrameRecord]] = defaultdict(list)
     for record in run.frames:
         groups[_label(record).partition(": ")[2]].append(record)
@@ -93,7 +93,7 @@ def sun_plot(run: Run) -> bytes:
 
 
 def _times(records: Sequence[FrameRecord], run: Run) -> list[float]:
-    """Return when frames were taken, in the unit of `_time_label`; their numbers in a run that has no times."""
+    """Return the times of frames in the unit of `_time_label`, or their numbers in a run without times."""
     starts = [_start(record) for record in records]
     first, (unit_s, _) = _start(run.frames[0]), _time_unit(run)
     return [
@@ -112,7 +112,7 @@ def _time_unit(run: Run) -> tuple[float, str]:
 
 
 def unit_of_time(span_s: float) -> tuple[float, str]:
-    """Return the unit in which a span of time is easily read, in seconds and by its name."""
+    """Return a suitable unit for a span of time, in seconds and by name."""
     if abs(span_s) < _SHORT_S:
         return 1.0, "s"
     return (3600.0, "h") if abs(span_s) >= _LONG_S else (60.0, "min")
@@ -125,7 +125,7 @@ def _start(record: FrameRecord) -> datetime | None:
 def cycle_figure(history: CycleHistory) -> bytes:
     """Return a PNG over the cycles: light of the reference region, DoLP of each region, and the sum rule.
 
-    What the angles of a run do not tell is left out.
+    Panels that the angles of a run do not allow are left out.
     """
     looks = history.looks
     sums = {look: look.sum_rule for look in looks if look.sum_rule is not None}
@@ -155,16 +155,16 @@ def drift_line(history: CycleHistory) -> str:
     """Return the drift of the light from cycle to cycle in words."""
     drifts = [look.drift for look in history.looks if look.drift is not None]
     if not drifts:
-        return "Drift within rounds: not known, since no angle was taken twice in a round."
+        return "Drift within rounds: not known, because no angle was taken twice in a round."
     per_min = np.array([drift.per_min for drift in drifts])
     change = np.array([drift.change for drift in drifts])
     sigmas = [drift.sigma for drift in drifts if drift.sigma is not None]
-    noise = f"; noise alone makes {percent(float(np.sqrt(np.mean(np.square(sigmas)))))}" if sigmas else ""
+    noise = f"; noise alone causes {percent(float(np.sqrt(np.mean(np.square(sigmas)))))}" if sigmas else ""
     median = percent(float(np.median(per_min)), sign=True)
     return (
-        f"Drift of {history.reference}, within rounds: median {median} a minute; from "
-        f"one look to the next {percent(float(np.sqrt(np.mean(change**2))))} rms, "
-        f"{percent(float(np.max(np.abs(change))))} at most{noise}."
+        f"Drift of {history.reference}, within rounds: median {median} per minute; between consecutive frames of an "
+        f"angle {percent(float(np.sqrt(np.mean(change**2))))} rms, {percent(float(np.max(np.abs(change))))} at "
+        f"most{noise}."
     )
 
 
@@ -209,7 +209,7 @@ _SHOWN_EVENTS = 200
 
 
 def run_report(session: SessionHistory, diagnosis: RunDiagnosis) -> Report:
-    """Return the report on how a session went, with what its frames say of their faults."""
+    """Return the report on a session, with faults found in its frames."""
     pictures = [Section(title=title, blocks=(Picture(png=png),)) for title, png in _pictures(session)]
     counts = Counter(event.event for event in session.events).most_common()
     times = Table(
@@ -225,13 +225,13 @@ def run_report(session: SessionHistory, diagnosis: RunDiagnosis) -> Report:
 
 
 def _simulation(session: SessionRecord) -> Iterable[Section]:
-    """Yield what a simulated run proves and what not, and which light it had."""
+    """Yield what a simulated run can prove, and its light."""
     if session.origin != "simulated":
         return
     light = session.simulated_light
     said = [] if light is None else [*(f"{text[0].upper()}{text[1:]}." for text in light.caution), *light.remarks]
-    said += [f"It says nothing of {text}." for text in NOT_OF_SIMULATION]
-    yield Section(title="What this simulated run proves and what not", blocks=(Bullets(items=tuple(said)),))
+    said += [f"It does not test {text}." for text in NOT_OF_SIMULATION]
+    yield Section(title="What this simulated run can prove", blocks=(Bullets(items=tuple(said)),))
 
 
 def _faults(session: SessionRecord, found: RunDiagnosis) -> Section:
@@ -239,17 +239,17 @@ def _faults(session: SessionRecord, found: RunDiagnosis) -> Section:
     unset = (f"{PLACEHOLDER[0].upper()}{PLACEHOLDER[1:]}.",) if session.polarizer.placeholder else ()
     said = Bullets(items=(*unset, *found.lines))
     table = (fault_table(found.terms),) if found.terms else ()
-    return Section(title="The frames by themselves", blocks=(said, *table))
+    return Section(title="Frames", blocks=(said, *table))
 
 
 def _way(events: Sequence[RunEvent]) -> Iterable[Section]:
-    """Yield what became of pictures on their way from the camera, where it counts them."""
+    """Yield the fate of pictures on their way from the camera, if it counts them."""
     if lines := pictures_lost(events):
         yield Section(title="Pictures on their way", blocks=(Bullets(items=lines),))
 
 
 def _times_of_run(session: SessionHistory) -> Iterable[Section]:
-    """Yield how well the starts of exposures are known."""
+    """Yield the errors of the starts of exposures."""
     texts = (*start_time_texts(session.run.frames), *filter(None, [host_clock_text(session.events)]))
     if texts:
         lines = tuple(f"{text[0].upper()}{text[1:]}." for text in texts)
@@ -257,7 +257,7 @@ def _times_of_run(session: SessionHistory) -> Iterable[Section]:
 
 
 def _monitors(session: SessionHistory) -> Iterable[Section]:
-    """Yield what sensors beside the frames said, and what is left of the light's change where one follows it."""
+    """Yield the readings of sensors, and the change of the light that they do not explain."""
     if not session.monitors:
         return
     lines = [trace.line for trace in session.monitors]

@@ -1,4 +1,4 @@
-"""A sweep of a scene as people and programs read it: tables, JSON, CSV, curves and maps."""
+"""A sweep of a scene for people and programs: tables, JSON, CSV, curves and maps."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
 
 
 SWEEP_SCHEMA = 2
-# At which the table and the plot show detection.
+# False alarm rate for detection in table and plot.
 SHOWN_RATE = 1e-3
-# More columns fit no terminal.
+# Most columns for a terminal.
 _MOST_PAIRS_SHOWN = 3
 
 
 def sweep_tables(found: Sweep, *, snr: SnrKind = "exact") -> Iterable[Table[int]]:
-    """Return a table for each region: DoLP, its signal-to-noise ratio and S0, a row a point; and one of detection."""
+    """Return a table per region, with DoLP, its SNR and S0 in a row per point, and one of detection."""
     shown = (("dolp_pixels", "mean", "mean DoLP of pixels"), *shown_snr(snr), ("s0", "mean", "S0 DN"))
     for region in found.regions:
         columns = [(label, found.series(region, quantity, kind)) for quantity, kind, label in shown]
@@ -52,7 +52,7 @@ def sweep_tables(found: Sweep, *, snr: SnrKind = "exact") -> Iterable[Table[int]
 
 
 def warning_lines(found: Sweep) -> Iterable[str]:
-    """Return what is to be said of points of a sweep, each text once with the points that it is of."""
+    """Return the warnings of a sweep, each once with its points."""
     places: dict[str, list[tuple[int, ...]]] = {}
     for index, message in found.warnings:
         places.setdefault(message, []).append(index)
@@ -73,7 +73,7 @@ def _table(title: str, found: Sweep, series: Sequence[tuple[str, FloatArray]], *
         *(Column(title=label, text=partial(_cell, values=values.ravel())) for label, values in series),
     )
     if warned:
-        # Words stand below the tables; a row says that there are some.
+        # Warnings are below the tables, and marked in the rows.
         columns = (*columns, Column(title="", text=lambda row: "warning" if row in warned else "", left=True))
     return Table(title=title, columns=columns, rows=tuple(range(math.prod(found.shape))))
 
@@ -94,7 +94,7 @@ def _cell(row: int, values: FloatArray) -> str:
 
 
 def sweep_json(found: Sweep, *, remarks: Iterable[str] = ()) -> dict[str, Json]:
-    """Return a sweep as JSON holds it: arrays in the order of the axes, null with a reason where there is no number."""
+    """Return a sweep as JSON: arrays in the order of the axes, null with a reason for missing numbers."""
     one = {"key": found.key, "values": found.values.tolist()} if len(found.axes) == 1 else {}
     content = {
         "schema_version": SWEEP_SCHEMA,
@@ -122,10 +122,9 @@ def sweep_json(found: Sweep, *, remarks: Iterable[str] = ()) -> dict[str, Json]:
 
 
 def sweep_csv(found: Sweep, *, remarks: Sequence[str] = ()) -> bytes:
-    """Return a sweep as CSV: a row a point, a column a number; empty where it does not exist.
+    """Return a sweep as CSV, one row per point and one column per number, empty if missing.
 
-    The last columns hold in words what is to be said: of the point, why numbers are missing, and in the first row what
-    is to be said of all.
+    The last columns have warnings of the point, reasons for missing numbers, and remarks on all in the first row.
     """
     warnings = _by_row(found, found.warnings)
     reasons = _by_row(found, ((index, f"{number}: {reason}") for index, number, reason in found.missing))
@@ -177,25 +176,25 @@ def _quantities(found: Sweep, region: str) -> dict[str, tuple[str, ...]]:
 
 
 def _numbers(values: FloatArray) -> Any:
-    """Return nested lists in the order of the axes; null where there is no number."""
+    """Return nested lists in the order of the axes, with null for missing numbers."""
     if values.ndim > 1:
         return [_numbers(part) for part in values]
     return [None if np.isnan(value) else float(value) for value in values]
 
 
-# Words under a plot: more of them stand in table, CSV and JSON.
+# Most warnings under a plot; table, CSV and JSON have all.
 _MOST_LINES = 4
-_MAP_KEY = "red cross: there is a warning of this point; white: the number does not exist"
+_MAP_KEY = "red cross: warning; white: the number does not exist"
 # A map with its bar; its margins left, right (with the bar), below and above; and room for words under all of them.
 _MAP_INCH, _MAP_MARGINS, _BENEATH_INCH = (5.4, 4.0), (0.75, 1.0, 0.55, 0.35), 1.5
-# More numbers than these make no plot.
+# Most axes of a plot.
 MOST_AXES = 2
 
 
 def sweep_png(found: Sweep, *, snr: SnrKind = "exact", remarks: Sequence[str] = ()) -> bytes:
-    """Return DoLP with its deviation, DoLP SNR and detection of all regions over what was swept.
+    """Return plots of DoLP with its deviation, DoLP SNR and detection of all regions over the sweep.
 
-    Over two numbers, the most that there may be, these are maps.
+    A sweep of two numbers gives maps.
     """
     are_maps = len(found.axes) == MOST_AXES
     figure = _maps(found, snr) if are_maps else _curves(found, snr)
@@ -238,7 +237,7 @@ def _snr_label(snr: SnrKind) -> str:
 
 
 def _mark(ax: Axes, found: Sweep, region: str, values: FloatArray) -> None:
-    """Ring the points of a region of which there is something to be said."""
+    """Ring the points of a region with warnings."""
     warned = sorted({index[0] for index, text in found.warnings if text.startswith(f"{region}: ")})
     if warned:
         ax.plot(found.values[warned], values[warned], "o", color="#b00000", markersize=9, fillstyle="none")
@@ -251,7 +250,7 @@ def _maps(found: Sweep, snr: SnrKind) -> Figure:
     panels = list(_map_panels(found, snr))
     columns = 2 if len(panels) <= 4 else 3
     rows = -(-len(panels) // columns)
-    # Places are counted out, in inches: a layout engine takes longer than the drawing.
+    # Fixed places in inches, because a layout engine takes longer than the drawing.
     wide, high = _MAP_INCH
     width, height = columns * wide, rows * high + _BENEATH_INCH
     left, right, below, above = _MAP_MARGINS
@@ -273,7 +272,7 @@ def _maps(found: Sweep, snr: SnrKind) -> Figure:
 
 
 def _cross(ax: Axes, found: Sweep, title: str) -> None:
-    """Cross the points of a map of whose region, or regions, there is something to be said."""
+    """Cross the points of a map with warnings of its regions."""
     region, _, pair = title.partition(": ")
     named = (region,) if region in found.regions else (*pair.split(" on "), pair)
     starts = tuple(f"{name}: " for name in named)

@@ -1,4 +1,4 @@
-"""Checks whether a run is whole, unfinished or damaged, and repairs it after a kill.
+"""Checks if a run is whole, unfinished or damaged, and repairs it after a kill.
 
 `wholeness` reads session file, manifest, events and inputs; `verify_run` also reads every frame and its checksum.
 `repair_run` adopts whole frames and sets damaged ones aside; it deletes nothing.
@@ -57,7 +57,7 @@ from rigctl.runs.records import (
 from rigctl.runs.writer import json_line
 
 DAMAGED_FOLDER = "damaged"
-_WHOLE = "a whole frame that the manifest does not name: not acknowledged"
+_WHOLE = "a whole frame missing from the manifest: not acknowledged"
 State = Literal["whole", "unfinished", "damaged"]
 Watch = Callable[[Sequence[FrameRecord]], Iterable[FrameRecord]]
 
@@ -75,11 +75,11 @@ class Verification:
     """Findings of a verification."""
 
     ok: bool  #: Nothing is bad.
-    frames: int  #: How many frames the manifest names.
+    frames: int  #: Number of frames in the manifest.
     bad: tuple[Finding, ...]  #: Damaged, missing, or contradicting files.
-    leftovers: tuple[Finding, ...]  #: Files of a killed writer: they were never acknowledged.
-    state: State = "whole"  #: Whole: nothing is bad, and the session has noted its end over these very frames.
-    gaps: tuple[str, ...] = ()  #: Steps of the session's plan that have no frame.
+    leftovers: tuple[Finding, ...]  #: Files of a killed writer, never acknowledged.
+    state: State = "whole"  #: Whole: nothing is bad, and the session has ended with exactly these frames.
+    gaps: tuple[str, ...] = ()  #: Steps of the session's plan without a frame.
     unchecked: tuple[str, ...] = ()  #: Parts that this program cannot check.
 
 
@@ -121,23 +121,23 @@ def frame_problems(path: Path, record: FrameRecord) -> list[str]:
 class Repair:
     """Changes that a repair made to a run folder."""
 
-    adopted: tuple[Finding, ...]  #: Whole frames that the manifest did not name, and now does.
-    set_aside: tuple[Finding, ...]  #: Files that are no whole frames of this run; they lie in ``damaged`` now.
-    frames: tuple[FrameRecord, ...]  #: What the manifest names now; every checksum holds.
+    adopted: tuple[Finding, ...]  #: Whole frames that were added to the manifest.
+    set_aside: tuple[Finding, ...]  #: Files that are not whole frames of this run, moved to ``damaged``.
+    frames: tuple[FrameRecord, ...]  #: Frames of the manifest; every checksum holds.
 
 
 def repair_run(path: Path) -> Repair:
     """Repair a run, so that each frame of the manifest is whole and each whole frame is in the manifest.
 
-    A sound folder is left as it is. The frames are the truth: a manifest with damaged lines is made again from them.
-    Nothing is deleted: damaged files are moved, so that a person can look at them.
+    An intact folder is left unchanged. A manifest with damaged lines is made again from the frames. Nothing is deleted:
+    damaged files are moved for inspection.
     """
     contents = read_contents(path)
     if contents.description is None:
         problem = dict(contents.problems).get(SESSION_FILE, "is missing")
-        raise RunFolderError(f"{path / SESSION_FILE}: {problem}: what was to be taken is not known")
+        raise RunFolderError(f"{path / SESSION_FILE}: {problem}: the plan of the session is not known")
     if contents.begins_elsewhere and _is_of_other_session(path):
-        raise RunFolderError(f"{path / SESSION_FILE}: is not the one of this run: manifest and events begin elsewhere")
+        raise RunFolderError(f"{path / SESSION_FILE}: belongs to another run than manifest and events")
     try:
         lock = RunLock(path)
         try:
@@ -149,7 +149,7 @@ def repair_run(path: Path) -> Repair:
 
 
 def used_run(path: Path, *, ignore_exclusions: bool = False) -> Run:
-    """Return a run whose frames are to become numbers, without those that people have excluded.
+    """Return a run for measurement, without excluded frames.
 
     Problems of the run and excluded frames are reported as warnings. `ignore_exclusions` keeps the excluded frames.
     """
@@ -174,17 +174,17 @@ def _wholeness_remark(run: Run, contents: Contents) -> str | None:
         return f"{run.path} is unfinished: {len(contents.frames)} frames so far; `rigctl resume` continues"
     if state == "damaged":
         text = "; ".join(f"{file}: {problem}" for file, problem in problems)
-        return f"{run.path} is damaged, and its numbers are not to be trusted: {text}; see `rigctl verify`"
+        return f"{run.path} is damaged, and its numbers are unreliable: {text}; see `rigctl verify`"
     unused = _unnamed_files(run.path, contents.frames)
     if unused:
-        return f"{run.path}: {', '.join(unused[:3])}: {len(unused)} files that the manifest does not name are not used"
+        return f"{run.path}: {', '.join(unused[:3])}: {len(unused)} files missing from the manifest are not used"
     return None
 
 
 def wholeness(path: Path, contents: Contents) -> tuple[State, list[tuple[str, str]]]:
     """Return the state of a run without reading its frames, and the problems of session file, manifest, events, inputs.
 
-    A run is whole if every check holds and the session has closed it over these very frames.
+    A run is whole if every check holds and the session ended with exactly these frames.
     """
     problems = list(contents.problems)
     events: list[RunEvent] = []
@@ -211,7 +211,7 @@ def wholeness(path: Path, contents: Contents) -> tuple[State, list[tuple[str, st
 
 
 def _closing(events: list[RunEvent], contents: Contents) -> tuple[bool, list[tuple[str, str]]]:
-    """Return whether the last closing event closes these very frames, and contradictions."""
+    """Return whether the last closing event is about exactly these frames, and contradictions."""
     closings = [(place, closed) for place, event in enumerate(events) if (closed := closed_with(event)) is not None]
     if not closings:
         return False, []
@@ -219,16 +219,16 @@ def _closing(events: list[RunEvent], contents: Contents) -> tuple[bool, list[tup
     links = contents.links
     if links and links[-1] == link:
         return True, []
-    # A kill after further frames were named and before the run was closed, or while a finished session is resumed.
+    # A kill after more frames were added and before the run was closed, or while a finished session is resumed.
     is_later = len(links) > frames and links[frames] == link
     if is_later or any(event.event == "resumed" for event in events[place + 1 :]):
         return False, []
-    text = f"the session closed with {frames} frames, and these are others: {len(contents.frames)} are named"
+    text = f"the session closed with {frames} other frames; the manifest has {len(contents.frames)}"
     return False, [(MANIFEST_FILE, text)]
 
 
 def _input_problems(path: Path, description: RunDescription, *, any_frames: bool) -> list[tuple[str, str]]:
-    """Return the input files that are missing or differ from those that the run was made from."""
+    """Return the input files that are missing or differ from those of the session."""
     problems = []
     for what, stated in _stated_inputs(description).items():
         name = f"{INPUTS_FOLDER}/{what}.toml"
@@ -248,7 +248,7 @@ def _input_problems(path: Path, description: RunDescription, *, any_frames: bool
 
 
 def _stated_inputs(description: RunDescription) -> dict[str, str]:
-    """Return the checksums of the inputs by what they are, as the session file has them."""
+    """Return the checksums of the inputs in the session file, by kind."""
     files = description.session.get("files")
     if not isinstance(files, dict):
         return {}
@@ -257,7 +257,7 @@ def _stated_inputs(description: RunDescription) -> dict[str, str]:
 
 
 def _too_many(contents: Contents, state: State, whole: list[Finding]) -> list[Finding]:
-    """Return a finding if more whole frames are without a line than a kill can leave."""
+    """Return a finding if more whole frames lack a line than a kill can cause."""
     description = contents.description
     if description is None or not whole:
         return []
@@ -265,7 +265,7 @@ def _too_many(contents: Contents, state: State, whole: list[Finding]) -> list[Fi
         return [Finding(file=finding.file, problem="not of this run, which has finished") for finding in whole]
     may_be_left = 1 if description.record.cell_deg is None else EXPOSURE_PARTS
     if len(whole) > may_be_left and description.record.is_of_session:
-        text = f"{len(whole)} whole frames have no line, and a kill leaves {may_be_left} at most: lines were taken out"
+        text = f"{len(whole)} whole frames have no line, and a kill causes at most {may_be_left}: lines were removed"
         return [Finding(file=MANIFEST_FILE, problem=text)]
     return []
 
@@ -285,7 +285,7 @@ def _unnamed_problem(path: Path, file: str) -> str | None:
         decode_record(data, file=file, checksum=file_checksum(data))
     except (DataError, OSError) as error:
         text = error.strerror if isinstance(error, OSError) else error
-        return f"not in the manifest, and no whole frame: {text}"
+        return f"not in the manifest, and not a whole frame: {text}"
     return None
 
 
@@ -321,7 +321,7 @@ class _Repairer:
         return Repair(adopted=tuple(self._adopted), set_aside=tuple(self._set_aside), frames=frames)
 
     def _set_parts_aside(self) -> None:
-        """Set aside what is there of an exposure that is not whole: it is taken again as a whole."""
+        """Set aside the parts of an incomplete exposure, which is taken again."""
         parts = Counter(record.exposure_id for record in self._frames.values())
         for record in list(self._frames.values()):
             if record.exposure_id is not None and parts[record.exposure_id] < EXPOSURE_PARTS:
@@ -330,7 +330,7 @@ class _Repairer:
                 self._move_aside(record.file, "other frames of the same exposure are missing")
 
     def _mend_events(self) -> None:
-        """Keep the events that are sound by themselves; the damaged file is set aside, to be looked at."""
+        """Keep the valid events; the damaged file is set aside for inspection."""
         journal = read_journal(self._path)
         if not journal_problems(journal):
             return
@@ -367,7 +367,7 @@ class _Repairer:
             return
         _make_final(file, self._path / final)
         self._frames[record.sequence] = record
-        self._adopted.append(Finding(file=final, problem="whole, and the manifest did not name it"))
+        self._adopted.append(Finding(file=final, problem="whole, but missing from the manifest"))
 
     def _move_aside(self, name: str, problem: str) -> None:
         folder = self._path / DAMAGED_FOLDER

@@ -12,9 +12,9 @@ from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord
 
 Column = list[Any]
-# Where xarray looks for the names of an array's dimensions.
+# Attribute with the names of an array's dimensions for xarray.
 _DIMENSIONS = "_ARRAY_DIMENSIONS"
-# The longest ending first: "_e_per_dn" is no count.
+# The longest ending first: "_e_per_dn" is not a count.
 _UNITS = {
     "_e_per_dn": "e-/DN",
     "_deg": "deg",
@@ -28,12 +28,12 @@ _UNITS = {
 
 
 def columns_of(run: Run) -> dict[str, Column]:
-    """Return the known fields of the frames, one value a frame; None for an unknown value."""
+    """Return the known fields of the frames, one value per frame; None for an unknown value."""
     return {field.name: [getattr(record, field.name) for record in run.frames] for field in fields(FrameRecord)}
 
 
 def unit_of(field: str) -> str:
-    """Return the unit that the name of a field ends in; empty where it has none."""
+    """Return the unit at the end of a field's name; empty without one."""
     return next((unit for ending, unit in _UNITS.items() if field.endswith(ending)), "")
 
 
@@ -55,8 +55,8 @@ def sample_type(run: Run) -> np.dtype[Any]:
 def export_fits(run: Run, out: Path) -> None:
     """Write a run into one FITS file: counts (N, H, W), and a table FRAMES with a column a field of their records.
 
-    Numbers that are not known are NaN, and texts empty; characters beyond ASCII are escaped. The column `record` has
-    each record as JSON: nothing is lost there.
+    Unknown numbers are NaN, unknown texts empty; characters beyond ASCII are escaped. The column `record` has each
+    complete record as JSON.
     """
     from astropy.io import fits
 
@@ -108,8 +108,8 @@ def export_tiff(run: Run, out: Path) -> None:
     out.mkdir(parents=True)
     for record in run.frames:
         name = Path(record.file).with_suffix(".tif").name
-        # ASCII, as the format wants it: JSON escapes the rest.
-        # One description: the tags of a file stand in order, each once.
+        # ASCII, as the format requires: JSON escapes other characters. One description: the tags of a file stand in
+        # order, each once.
         description = json.dumps(asdict(record))
         tifffile.imwrite(
             out / name, run.counts(record), photometric="minisblack", description=description, metadata=None
@@ -120,9 +120,8 @@ def export_tiff(run: Run, out: Path) -> None:
 def export_hdf5(run: Run, out: Path) -> None:
     """Write a run into an HDF5 file: `counts` (N, H, W), a dataset a field under `frames`, and `records`.
 
-    Under `frames` numbers that are not known are NaN, and texts empty; several remarks are lines of one text. `records`
-    has each frame's record as JSON, as the manifest has it: nothing is lost there. The session stands as JSON in
-    the attribute `session`.
+    Under `frames` unknown numbers are NaN, unknown texts empty; several remarks are lines of one text. `records` has
+    each frame's complete record as JSON, as in the manifest. The attribute `session` has the session as JSON.
     """
     try:
         import h5py
@@ -174,9 +173,9 @@ def export_zarr(run: Run, out: Path) -> None:
     except ImportError as error:
         raise ConfigError("--to zarr needs zarr: pip install 'rigctl[export]'") from error
     height, width = common_shape(run)
-    # The second format, whose one file of metadata xarray reads; of the third it is no part of the standard.
+    # Version 2, for its single file of metadata, which the standard of version 3 lacks.
     group = zarr.open_group(str(out), mode="w-", zarr_format=2)
-    # A fill value would be a missing one to xarray.
+    # xarray would read a fill value as missing.
     counts = group.create_array(
         "counts",
         shape=(len(run.frames), height, width),
@@ -197,7 +196,7 @@ def export_zarr(run: Run, out: Path) -> None:
 
 
 def _coordinates(run: Run) -> dict[str, tuple[np.ndarray[Any, Any], dict[str, str]]]:
-    """Values along the frames and what other programs are told of them, after the CF conventions."""
+    """Values along the frames with attributes for other programs, after the CF conventions."""
     records = run.frames
     numbers = {"polarizer_angle_deg": "deg", "exposure_s": "s"}
     found: dict[str, tuple[np.ndarray[Any, Any], dict[str, str]]] = {

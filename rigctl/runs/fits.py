@@ -1,6 +1,6 @@
 """A frame as a FITS file and back: 16-bit samples, first row on top, checksums, and its whole record in the header.
 
-From the headers alone a lost manifest can be made again.
+A lost manifest can be made again from the headers.
 """
 
 import re
@@ -26,7 +26,7 @@ CardValue = bool | int | float | str
 
 
 def make_card(keyword: str, value: CardValue, comment: str) -> str:
-    """Return a card, or several of 80 characters each where a text is too long for one.
+    """Return a card, or several of 80 characters for a long text.
 
     FITS standard 4.0 (doi:10.1051/0004-6361/201015362), sections 4.1, 4.2; 4.2.1.2 for long texts (CONTINUE).
     """
@@ -38,7 +38,7 @@ def make_card(keyword: str, value: CardValue, comment: str) -> str:
 def _number(value: bool | int | float) -> str:
     if isinstance(value, bool):
         return "T" if value else "F"
-    # numpy's scalars are floats that write themselves with their type.
+    # repr of numpy's scalars includes their type.
     return repr(float(value) if isinstance(value, float) else value).upper()
 
 
@@ -63,8 +63,8 @@ def _quote(quoted: str) -> str:
 
 def _escape(value: str) -> str:
     text = value.encode("unicode_escape").decode("ascii")
-    # Blanks at the end of a text do not count in FITS; "&" there may stand for "to be continued"; and astropy takes
-    # a quote before a slash for the end of the text.
+    # FITS ignores blanks at the end of a text; "&" there may mean "to be continued"; and astropy ends the text at a
+    # quote before a slash.
     return _MISREAD.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
 
 
@@ -72,7 +72,7 @@ def _split_quoted(quoted: str) -> list[str]:
     pieces = []
     while quoted:
         size = _STRING_ROOM - 1  # room for "&"
-        # A doubled quote stands for one character and must not be torn.
+        # A doubled quote is one character and must not be split.
         quotes_at_end = len(quoted[:size]) - len(quoted[:size].rstrip("'"))
         size -= quotes_at_end % 2
         pieces.append(quoted[:size])
@@ -81,7 +81,7 @@ def _split_quoted(quoted: str) -> list[str]:
 
 
 def read_cards(header: bytes) -> dict[str, str | None]:
-    """Return the values of a header by keyword, texts unquoted and joined, numbers still as they stand."""
+    """Return the values of a header by keyword, texts unquoted and joined, numbers as text."""
     values: dict[str, str | None] = {}
     for keyword, field in _join_continued(header.decode("ascii")):
         match = _VALUE.match(field)
@@ -113,7 +113,7 @@ def _join_continued(header: str) -> Iterator[tuple[str, str]]:
 
 ALL_ONES = 0xFFFF_FFFF
 NO_CHECKSUM = "0" * 16
-# Encoded sums are letters and digits only: these ASCII codes lie between them.
+# ASCII codes between digits and letters, excluded from encoded sums.
 _PUNCTUATION = frozenset(range(0x3A, 0x41)) | frozenset(range(0x5B, 0x61))
 
 
@@ -160,11 +160,10 @@ _BEGIN, _END = b"SIMPLE  =", b"END".ljust(CARD_LENGTH)
 
 
 def encode_frame(counts: NDArray[Any], cards: Mapping[str, tuple[CardValue, str]]) -> bytes:
-    """Return the bytes of a FITS file that holds one frame: of 16 bits without sign, or in single precision.
+    """Return the bytes of a FITS file with one frame: of unsigned 16 bits, or in single precision.
 
-    FITS knows signed 16-bit integers only; unsigned ones are stored less 32768 (``BZERO``), which every
-    reader of FITS undoes. ``ROWORDER = 'TOP-DOWN'`` tells that the first row in the file is the
-    top of the picture.
+    FITS has only signed 16-bit integers; unsigned ones are stored less 32768 (``BZERO``), which every reader undoes.
+    ``ROWORDER = 'TOP-DOWN'`` means that the first row in the file is the top of the picture.
 
     FITS standard 4.0 (doi:10.1051/0004-6361/201015362), sections 4.4 and 5.2.5, appendix J.
     """
@@ -189,7 +188,7 @@ def encode_image(
     comments: Iterable[str] = (),
     is_extension: bool = False,
 ) -> bytes:
-    """Return the bytes of a FITS file that holds a computed image or a stack of images, or of an extension of it."""
+    """Return the bytes of a FITS file, or of an extension, with a computed image or a stack of images."""
     first = ("XTENSION", "IMAGE", "FITS standard 4.0") if is_extension else ("SIMPLE", True, "FITS standard 4.0")
     sizes: list[tuple[str, CardValue, str]] = [
         first,
@@ -235,10 +234,10 @@ def _padded(length: int) -> int:
 
 
 def decode_frame(data: bytes | memoryview) -> tuple[dict[str, str | None], NDArray[Any]]:
-    """Return header values and samples from the bytes of a file that ``encode_frame`` made, and of no other FITS file.
+    """Return header values and samples from the bytes of a file of ``encode_frame``, not of other FITS files.
 
     Values are the texts of the file by keyword, None for a keyword without a value. Samples are in DN, first row on
-    top, as 16-bit integers without sign or in single precision.
+    top, as unsigned 16-bit integers or in single precision.
     """
     end = _find_end(data)
     header_length = _padded(end + CARD_LENGTH)
@@ -248,7 +247,7 @@ def decode_frame(data: bytes | memoryview) -> tuple[dict[str, str | None], NDArr
     height, width = _shape(values)
     is_real = values["BITPIX"] == "-32"
     if len(data) != header_length + _padded((4 if is_real else 2) * height * width):
-        raise DataError(f"{len(data)} bytes are not what {height} rows of {width} samples take")
+        raise DataError(f"{len(data)} bytes do not fit {height} rows of {width} samples")
     if is_real:
         real = np.frombuffer(data, dtype=">f4", count=height * width, offset=header_length)
         return values, real.astype(np.float32).reshape(height, width)
@@ -257,11 +256,11 @@ def decode_frame(data: bytes | memoryview) -> tuple[dict[str, str | None], NDArr
 
 def _find_end(data: bytes | memoryview) -> int:
     if data[: len(_BEGIN)] != _BEGIN or len(data) % _BLOCK:
-        raise DataError(f"no whole FITS file: its {len(data)} bytes begin wrongly or are no multiple of {_BLOCK}")
+        raise DataError(f"not a whole FITS file: its {len(data)} bytes begin wrongly or are not a multiple of {_BLOCK}")
     for start in range(0, len(data), CARD_LENGTH):
         if data[start : start + CARD_LENGTH] == _END:
             return start
-    raise DataError("no whole FITS file: the header has no end")
+    raise DataError("not a whole FITS file: the header has no end")
 
 
 def _what_is_damaged(header: bytes | memoryview, data: bytes | memoryview) -> str:
@@ -278,13 +277,13 @@ def _shape(values: Mapping[str, str | None]) -> tuple[int, int]:
         wanted |= {"BITPIX": "16", "BZERO": "32768", "BSCALE": "1"}
     other = [f"{key} = {values.get(key)}" for key, value in wanted.items() if values.get(key) != value]
     if other:
-        raise DataError(f"no frame that this program wrote: {', '.join(other)}. `rigctl import` takes in other files")
+        raise DataError(f"not a frame of this program: {', '.join(other)}. `rigctl import` imports other files")
     return int(values["NAXIS2"] or "0"), int(values["NAXIS1"] or "0")
 
 
 def _from_signed(data: bytes | memoryview, shape: tuple[int, int], *, offset: int) -> NDArray[np.uint16]:
     height, width = shape
-    # One copy, which is the caller's own: the bytes of a file stay as they are.
+    # One copy for the caller; the bytes of a file stay unchanged.
     counts = np.frombuffer(data, dtype=">u2", count=height * width, offset=offset).astype(np.uint16)
     counts ^= _SIGN_BIT
     return counts.reshape(shape)
@@ -298,17 +297,17 @@ _KEYWORDS = (
     ("start_utc", "DATE-OBS", "start of exposure, UTC"),
     ("end_utc", "DATE-END", "end of exposure, UTC"),
     ("start_monotonic_ns", "MONONS", "[ns] start of exposure, host clock"),
-    ("start_uncertainty_s", "TIMSYER", "[s] by which DATE-OBS may be off at most"),
-    ("start_source", "TIMESRC", "what DATE-OBS was found by"),
+    ("start_uncertainty_s", "TIMSYER", "[s] largest error of DATE-OBS"),
+    ("start_source", "TIMESRC", "source of DATE-OBS"),
     ("exposure_s", "EXPTIME", "[s] exposure"),
     ("gain_db", "GAINDB", "[dB] setting of the camera"),
     ("egain_e_per_dn", "EGAIN", "[e-/DN] electrons per count"),
     ("bit_depth", "BITDEPTH", "bits per sample, right-justified"),
-    ("reads", "NCOMBINE", "reads of the camera that the frame is the mean of"),
+    ("reads", "NCOMBINE", "reads of the camera averaged in the frame"),
     ("real_counts", "REALDN", "counts with fractions, or below 0"),
     ("black_level_dn", "BLKLEVEL", "[DN] counts without light"),
     ("saturation_dn", "SATURATE", "[DN] saturated at and above"),
-    ("missing_dn", "MISSDN", "[DN] marks a pixel not received"),
+    ("missing_dn", "MISSDN", "[DN] value of missing pixels"),
     ("saturated_fraction", "SATFRAC", "share of saturated pixels"),
     ("polarizer_angle_target_deg", "POLANG", "[deg] transmission axis, commanded"),
     ("polarizer_angle_deg", "POLMEAS", "[deg] transmission axis, readback"),
@@ -323,8 +322,8 @@ _KEYWORDS = (
     ("stage_tries", "POLTRY", "commands of the move until within tolerance"),
     ("settle_s", "SETTLE", "[s] command of the move to accepted readback"),
     ("camera_frame", "CAMFRAME", "the camera's own frame counter"),
-    ("exposure_id", "EXPOID", "frames of one exposure have the same"),
-    ("camera_temperature_c", "CCD-TEMP", "[deg C] camera, as it says"),
+    ("exposure_id", "EXPOID", "equal for frames of one exposure"),
+    ("camera_temperature_c", "CCD-TEMP", "[deg C] reported by the camera"),
     ("round", "ROUND", "round of the schedule, from 0"),
     ("sun_azimuth_deg", "SUNAZ", "[deg] sun, clockwise from north"),
     ("sun_elevation_deg", "SUNEL", "[deg] sun, no refraction"),
@@ -344,7 +343,7 @@ def header_cards(record: FrameRecord) -> dict[str, tuple[CardValue, str]]:
         raise ValueError(f"remarks: {len(record.remarks)} given, at most {_MOST_REMARKS} fit a frame")
     for time in filter(None, (record.start_utc, record.end_utc)):
         if not time.endswith("Z"):
-            raise ValueError(f"start_utc, end_utc: {time!r} must be UTC and end in Z, as utc_text writes it")
+            raise ValueError(f"start_utc, end_utc: {time!r} must be UTC and end in Z, as from utc_text")
     cards: dict[str, tuple[CardValue, str]] = {"TIMESYS": ("UTC", "")}
     for field, keyword, comment in _KEYWORDS:
         value = getattr(record, field)
@@ -367,7 +366,7 @@ def decode_record(data: bytes | memoryview, *, file: str, checksum: str) -> tupl
     remarks = (f"{_REMARK}{number}" for number in range(1, _MOST_REMARKS + 1))
     values["remarks"] = tuple(header[name] or "" for name in remarks if name in header)
     try:
-        # Values are still text; the type of each field reads its own.
+        # Values are still text; the type of each field converts its own.
         return FRAME_RECORD.validate_python(values, strict=False), counts
     except ValidationError as error:
         raise DataError(f"{file}: the header does not describe a frame: {explain_invalid(error)}") from error

@@ -3,14 +3,14 @@
 ::
 
     RUN/session.json      the resolved session, versions, schema version
-    RUN/inputs/*.toml     the files that it was made from
-    RUN/frames/*.fits     one whole frame each, with all that is known of it in its header
-    RUN/manifest.jsonl    one line a frame, appended once the frame is on the disk
+    RUN/inputs/*.toml     the files of the session
+    RUN/frames/*.fits     one frame each, with its complete record in the header
+    RUN/manifest.jsonl    one line per frame, appended once the frame is on the disk
     RUN/events.jsonl      events of the session with their times
     RUN/annotations.jsonl notes of people, and frames that they exclude
 
-The frames are the truth; the manifest is their table of contents and can be made again from them. Journals only grow,
-each line on the disk before the next. A lock that ends with its process keeps a second writer away.
+The manifest is the table of contents of the frames and can be made again from them. Journals only grow, each line on
+the disk before the next. A lock that ends with its process excludes a second writer.
 """
 
 import fcntl
@@ -69,7 +69,7 @@ INPUTS_FOLDER = "inputs"
 ANNOTATIONS_FILE = "annotations.jsonl"
 LOCK_FILE = "writer.lock"
 _LOOKS, _LOOK_S = 10, 0.01
-# A card has 80 bytes; a header of thousands of cards is none of ours.
+# A card has 80 bytes; our headers do not have thousands of cards.
 _SAMPLE_BYTES, _MOST_HEADER_BYTES = 4, 1_000_000
 _MOST_BYTES_A_LOOK = 64_000_000
 _ANNOTATION = TypeAdapter(Annotation)
@@ -91,7 +91,7 @@ class Run:
     written_angles_deg: Mapping[int, float | None] = field(default_factory=dict)
 
     def counts(self, record: FrameRecord) -> NDArray[Any]:
-        """Return the samples of a frame, once its checksum has been found right."""
+        """Return the samples of a frame after checking its checksum."""
         if record.sequence in self.written_angles_deg:
             record = replace(record, polarizer_angle_deg=self.written_angles_deg[record.sequence])
         return read_frame(self.path, record)
@@ -100,8 +100,8 @@ class Run:
 def read_run(path: Path) -> Run:
     """Return the table of contents of a run folder; the frames themselves are not opened.
 
-    A last line of the manifest without an end is what a killed writer leaves; it is passed over, since its
-    frame was never acknowledged. ``rigctl verify`` reports it.
+    A killed writer leaves a last line of the manifest without an end; it is skipped, since its frame was never
+    acknowledged. ``rigctl verify`` reports it.
     """
     return run_of(path, read_contents(path))
 
@@ -133,8 +133,8 @@ def annotated(run: Run, *, ignore_exclusions: bool = False) -> Run:
     problems = annotation_problems(journal)
     if problems and not ignore_exclusions:
         raise RunFolderError(
-            f"{run.path / ANNOTATIONS_FILE}: {'; '.join(problems)}: which frames are excluded is not known; "
-            "--ignore-exclusions reads the run with all of them"
+            f"{run.path / ANNOTATIONS_FILE}: {'; '.join(problems)}: the excluded frames are not known; "
+            "--ignore-exclusions reads the run with all frames"
         )
     annotations = sound_annotations(journal)
     excluded = {} if ignore_exclusions else excluded_frames(annotations)
@@ -150,12 +150,12 @@ def annotated(run: Run, *, ignore_exclusions: bool = False) -> Run:
 class Contents:
     """Contents of a run folder, sound or damaged: the readable records, and problems."""
 
-    description: RunDescription | None  #: What the session file says; ``None`` where it cannot be read.
-    frames: tuple[FrameRecord, ...]  #: Every record of the manifest that could be read, by sequence number.
-    problems: tuple[tuple[str, str], ...]  #: What is wrong with the session file and the manifest.
+    description: RunDescription | None  #: The session file; ``None`` if it cannot be read.
+    frames: tuple[FrameRecord, ...]  #: Every readable record of the manifest, by sequence number.
+    problems: tuple[tuple[str, str], ...]  #: Problems of session file and manifest.
     torn_manifest_line: bool  #: The last line of the manifest has no end: the writer was killed in the middle of it.
     links: tuple[str, ...] = ()  #: The chain of the manifest after 0, 1, 2, ... lines.
-    begins_elsewhere: bool = False  #: The manifest does not follow on the session file: either is of another run.
+    begins_elsewhere: bool = False  #: The manifest does not belong to the session file: either is of another run.
 
 
 def read_contents(path: Path) -> Contents:
@@ -341,7 +341,7 @@ def read_annotations(path: Path) -> tuple[Annotation, ...]:
 
 
 def read_annotation_lines(path: Path) -> Lines:
-    """Return the lines of a run's annotations, each held against its seal; none where there is no such file."""
+    """Return the lines of a run's annotations, with checked seals; none without the file."""
     return read_lines(journal_bytes(path / ANNOTATIONS_FILE), _link(path))
 
 
@@ -352,7 +352,7 @@ def annotation_problems(journal: Lines) -> list[str]:
         if problem:
             found.append(f"line {number}: {problem}")
         elif isinstance(read := _read_line(content), str):
-            found.append(f"line {number} is no annotation: {read}")
+            found.append(f"line {number} is not an annotation: {read}")
     return found
 
 
@@ -394,7 +394,7 @@ class Journal:
         self.lines += len(contents)
 
     def _write_all(self, data: bytes) -> None:
-        # A file without a buffer may take less than it is given.
+        # An unbuffered write may be partial.
         view = memoryview(data)
         while view:
             view = view[self._file.write(view) :]
@@ -405,7 +405,7 @@ class Journal:
 
 
 class RunLock:
-    """The right to write into a run folder, held until it is released or its process ends."""
+    """The lock for writing into a run folder, until it is released or its process ends."""
 
     def __init__(self, path: Path) -> None:
         self._descriptor = os.open(path / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
@@ -429,7 +429,7 @@ class RunLock:
 
 @contextmanager
 def released_on_error(lock: RunLock) -> Iterator[None]:
-    """Release the lock where the block fails; else it stays held."""
+    """Release the lock if the block fails; otherwise keep it."""
     try:
         yield
     except BaseException:
@@ -439,7 +439,7 @@ def released_on_error(lock: RunLock) -> Iterator[None]:
 
 @contextmanager
 def locked_file(file: Path) -> Iterator[None]:
-    """Hold a file, made where it is not there, so that one process at a time adds to it; wait for the others."""
+    """Lock a file, created if needed, for one process at a time; wait for others."""
     descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX)
@@ -449,7 +449,7 @@ def locked_file(file: Path) -> Iterator[None]:
 
 
 def writing_process(path: Path) -> int | None:
-    """Return the number of the process that writes into a run folder, or None where there is none."""
+    """Return the number of the process that writes into a run folder, or None."""
     try:
         descriptor = os.open(path / LOCK_FILE, os.O_RDONLY | os.O_NONBLOCK)
     except FileNotFoundError:
@@ -457,7 +457,7 @@ def writing_process(path: Path) -> int | None:
     except OSError as error:
         raise RunFolderError(f"{path / LOCK_FILE}: cannot be read: {error.strerror}") from error
     try:
-        # A shared lock: two calls at the same time do not take each other for the writer.
+        # A shared lock, so that two simultaneous calls do not see each other as the writer.
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return _process_in(descriptor)
@@ -497,7 +497,7 @@ def _checked(path: Path, record: FrameRecord) -> bytes | memoryview:
     found = file_checksum(data)
     if found != record.checksum:
         raise RunFolderError(
-            f"{path / record.file}: damaged or replaced: the manifest says {record.checksum}, the file has {found}"
+            f"{path / record.file}: damaged or replaced: the manifest has {record.checksum}, the file {found}"
         )
     return data
 
@@ -533,8 +533,8 @@ def _records(lines: Lines, problems: list[tuple[str, str]]) -> tuple[FrameRecord
 def _duplicates(frames: list[FrameRecord]) -> list[str]:
     sequences = Counter(record.sequence for record in frames)
     files = Counter(record.file for record in frames)
-    return [f"sequence {value} stands {n} times" for value, n in sequences.items() if n > 1] + [
-        f"file {value} stands {n} times" for value, n in files.items() if n > 1
+    return [f"sequence {value} occurs {n} times" for value, n in sequences.items() if n > 1] + [
+        f"file {value} occurs {n} times" for value, n in files.items() if n > 1
     ]
 
 

@@ -1,7 +1,7 @@
 """Records of a run and their lines: frames, session, events, readings of sensors, annotations, simulated light.
 
-Each line of a journal carries its own checksum and the chain of all lines before it: a line that was changed, moved or
-taken out is found.
+Each line of a journal has its own checksum and the chain of all lines before it, which reveals changed, moved and
+removed lines.
 """
 
 import hashlib
@@ -30,7 +30,7 @@ SCHEMA_VERSION = 2
 """Version of the layout."""
 UNKNOWN_LINK = ""
 """Beginning of a chain whose session file cannot be read."""
-# Frames of one exposure of a camera with polarizers on its pixels, a cell of 2 x 2.
+# Frames of one exposure of a camera with polarizers on its pixels, in cells of 2 x 2.
 EXPOSURE_PARTS = 4
 MOST_TEXT = 2000
 METERED_EVENT = "metered"
@@ -44,7 +44,7 @@ READINGS_EVENT = "monitor readings"
 # Sources of the start of an exposure in words.
 START_SOURCES = {
     "ptp": "by the camera's clock, which follows a PTP master",
-    "camera clock": "by the camera's clock, held against this machine's",
+    "camera clock": "by the camera's clock, compared with this machine's",
     "trigger": "between the trigger and the first packet",
     "arrival": "before the first packet came in",
     "driver": "by the time stamp of the video driver",
@@ -52,46 +52,45 @@ START_SOURCES = {
     "simulation": "as simulated",
 }
 PROVES = (
-    "a simulated roof: the light of {scene} was computed by the same model that predicts it. What this run can show is "
-    "that processing, sensor and the chain of the program are right: stage, angles, darks, calibration, Stokes "
-    "parameters, statistics and verdict. It cannot show that the scene model (surfaces, sky, sun, air) is right of "
-    "nature: that needs real frames"
+    "a simulated roof: the light of {scene} was computed by the same model that predicts it. This run tests "
+    "processing, sensor and the chain of the program: stage, angles, darks, calibration, Stokes parameters, statistics "
+    "and verdict. It cannot test the scene model (surfaces, sky, sun, air), which needs real frames"
 )
 _UTC_DIGITS = 19
 _FRAMES_FACT = "frames_in_run"
 _CHAIN_FACT = "manifest_chain_sha256"
 _S_PER_H, _NEAR_S = 3600.0, 300.0
 _SEAL = re.compile(rb', "line_sha256": "([0-9a-f]{64})", "chain_sha256": "([0-9a-f]{64})"\}$')
-_NOT_FOLLOWING = "does not follow on what stands before it: lines were taken out, put in or moved"
+_NOT_FOLLOWING = "does not follow the line before it: lines were removed, inserted or moved"
 _Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
 @with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
 @dataclass(frozen=True, kw_only=True)
 class FrameRecord:
-    """Everything that is known about one frame. ``None`` means "not known" or "does not apply", never a default."""
+    """Everything known about one frame. ``None`` means "not known" or "does not apply", never a default."""
 
     kind: FrameKind
-    sequence: int  #: Place in the order in which the frames of this run were taken, from 0; unique in the run.
+    sequence: int  #: Place in the order of the run's frames, from 0; unique in the run.
     bit_depth: int  #: Bits per sample, right-justified.
     saturation_dn: float  #: A pixel at or above this many counts is saturated [DN].
-    cycle: int | None = None  #: Which repeat of the set of angles this is, from 0.
-    #: Transmission axis that was asked for [deg], counter-clockwise from horizontal in the picture.
+    cycle: int | None = None  #: Number of the repeat of the set of angles, from 0.
+    #: Requested transmission axis [deg], counter-clockwise from horizontal in the picture.
     polarizer_angle_target_deg: float | None = None
-    #: Transmission axis by the stage's readback [deg], same sense. This one is for processing.
+    #: Transmission axis by the stage's readback [deg], same sense, used for processing.
     polarizer_angle_deg: float | None = None
     stage_angle_target_deg: float | None = None  #: Target and readback of the stage [deg].
     stage_angle_deg: float | None = None
     stage_counts: int | None = None  #: The encoder's own counts.
     exposure_s: float | None = None  #: Integration time, of one read [s].
-    #: How many reads of the camera this frame is the mean of; None is one. Counts are always those of one read.
+    #: Number of averaged reads of the camera; None is one. Counts are always those of one read.
     reads: Annotated[int, Field(ge=2)] | None = None
     real_counts: bool | None = None  #: Counts are in single precision, with fractions or below 0.
     gain_db: float | None = None  #: The camera's gain setting [dB].
     egain_e_per_dn: float | None = None  #: Electrons per DN, if stated [e-/DN].
-    black_level_dn: float | None = None  #: Counts without light [DN], where known without dark frames.
-    missing_dn: float | None = None  #: The value that marks pixels which were never received [DN].
-    start_utc: str | None = None  #: Start and end of the exposure, as ``rigctl.base.numbers.utc_text`` writes them.
+    black_level_dn: float | None = None  #: Counts without light [DN], if known without dark frames.
+    missing_dn: float | None = None  #: Value of missing pixels [DN].
+    start_utc: str | None = None  #: Start and end of the exposure, as from ``rigctl.base.numbers.utc_text``.
     end_utc: str | None = None
     start_monotonic_ns: int | None = None  #: Start of the exposure on the host's monotonic clock [ns].
     #: By how much `start_utc` may be off at most, the host's clock taken for right (that of the PTP master, where the
@@ -100,20 +99,19 @@ class FrameRecord:
     #: Source of the start: "ptp", "camera clock", "trigger", "arrival", "driver", "file" or "simulation"
     #: (`drivers.interfaces.StartSource`).
     start_source: str | None = None
-    camera_model: str | None = None  #: Which devices these were.
+    camera_model: str | None = None  #: The devices.
     camera_serial: str | None = None
     filter_name: str | None = None  #: Filter in front of the sensor, by the header of an imported file.
     stage_model: str | None = None
     stage_serial: str | None = None
-    stage_tries: int | None = None  #: How many times the move was commanded until the readback was within tolerance.
-    settle_s: float | None = None  #: From the command of the move to the readback that was accepted [s].
+    stage_tries: int | None = None  #: Number of commands of the move until the readback was within tolerance.
+    settle_s: float | None = None  #: From the command of the move to the accepted readback [s].
     camera_frame: int | None = None  #: The camera's own frame counter.
-    #: Frames that bear the same number are parts of one exposure, of a camera with polarizers on its pixels: the
-    #: sequence number of the first of them.
+    #: Equal for the parts of one exposure of a camera with polarizers on its pixels: the sequence number of the first.
     exposure_id: int | None = None
     #: Temperature by the camera, at most ten seconds before the exposure [deg C].
     camera_temperature_c: float | None = None
-    round: int | None = None  #: Which round of a schedule this frame belongs to, from 0.
+    round: int | None = None  #: Round of the schedule, from 0.
     #: Where the sun stood at the start of the exposure [deg]: azimuth clockwise from north, elevation without
     #: refraction.
     sun_azimuth_deg: float | None = None
@@ -121,7 +119,7 @@ class FrameRecord:
     site_latitude_deg: float | None = None  #: Where the rig stands [deg], north and east positive.
     site_longitude_deg: float | None = None
     site_elevation_m: float | None = None  #: How high above the sea it stands [m].
-    source_file: str | None = None  #: The file this frame was imported from.
+    source_file: str | None = None  #: Original file of an imported frame.
     remarks: tuple[str, ...] = ()
     file: str = ""  #: Path relative to the run folder, with ``/``. Filled in by the writer, as all that follow.
     height: int = 0  #: Rows and columns.
@@ -148,7 +146,7 @@ def start_time_texts(frames: Iterable[FrameRecord]) -> tuple[str, ...]:
 def start_error_text(error_s: float | None) -> str:
     """Return the largest error of a start in words."""
     if error_s is None:
-        return "by how much it may be off is not known"
+        return "error not known"
     if error_s >= 1e-3:
         return f"off by {error_s * 1e3:.3g} ms at most"
     return f"off by {error_s * 1e6:.3g} us at most"
@@ -158,15 +156,15 @@ def start_error_text(error_s: float | None) -> str:
 class SimulatedLight:
     """The light of a simulated roof."""
 
-    scene: str  #: Name of the scene that it was computed from.
+    scene: str  #: Name of its scene.
     #: The sun was that of the run's simulated clock at its site; otherwise that which the scene file states.
     is_clocked: bool
     #: That stated sun [deg]; None where the clock moves it, or the file states no azimuth.
     sun_zenith_deg: float | None = None
     sun_azimuth_deg: float | None = None
     distance_factor: float | None = None  #: Its irradiance over that at the mean distance.
-    perturbed: str | None = None  #: What was changed against the scene file, in words.
-    remarks: tuple[str, ...] = ()  #: Where place and time of the scene file are not those of the run.
+    perturbed: str | None = None  #: Changes relative to the scene file, in words.
+    remarks: tuple[str, ...] = ()  #: Differences in place and time between scene file and run.
 
     @property
     def caution(self) -> tuple[str, ...]:
@@ -199,7 +197,7 @@ class CameraAsTaken:
 
 @dataclass(frozen=True, kw_only=True)
 class RigAsTaken:
-    """The rig file of a run, as far as runs of older programs have it too."""
+    """The rig file of a run."""
 
     name: str | None = None
     polarizer: PolarizerAsTaken | None = None
@@ -219,7 +217,7 @@ class SessionAsTaken:
 
 @dataclass(frozen=True, kw_only=True)
 class SessionNoise:
-    """The numbers of a noise calibration that a session was watched with, in the order in which a run holds them."""
+    """Numbers of the noise calibration of a session's live numbers, in the order of the run."""
 
     gain_dn_per_e: _Number
     read_noise_e: _Number
@@ -231,29 +229,29 @@ class SessionNoise:
 class SessionRecord:
     """Origin of a run."""
 
-    origin: str | None = None  #: "simulated", "device" or "import"; None where the run does not say.
-    rig: RigAsTaken | None = None  #: By its files; None of imported images.
+    origin: str | None = None  #: "simulated", "device" or "import"; None if not stated.
+    rig: RigAsTaken | None = None  #: By its files; None for imported images.
     session: SessionAsTaken | None = None
-    stage: dict[str, JsonValue] = field(default_factory=dict)  #: Identity as the device stated it.
+    stage: dict[str, JsonValue] = field(default_factory=dict)  #: Identity reported by the device.
     camera: dict[str, JsonValue] = field(default_factory=dict)  #: Identity, facts and features.
-    noise: SessionNoise | None = None  #: What it was watched with.
-    rounds_ns: tuple[int | None, ...] = (None,)  #: When each round was to begin [ns since 1970 UTC]; None is at once.
-    until_ns: int | None = None  #: From when on no frame was to be taken [ns since 1970 UTC].
+    noise: SessionNoise | None = None  #: For its live numbers.
+    rounds_ns: tuple[int | None, ...] = (None,)  #: Planned begin of each round [ns since 1970 UTC]; None is at once.
+    until_ns: int | None = None  #: Planned end [ns since 1970 UTC].
     simulated_light: SimulatedLight | None = None  #: The light of a simulated roof.
 
     @property
     def polarizer(self) -> PolarizerAsTaken:
-        """The polarizer as the rig file has it; nothing is stated of imported images."""
+        """The polarizer of the rig file; empty for imported images."""
         return PolarizerAsTaken() if self.rig is None or self.rig.polarizer is None else self.rig.polarizer
 
     @property
     def camera_address(self) -> str:
-        """Address of the camera; empty where nobody says it."""
+        """Address of the camera; empty if not stated."""
         return "" if self.rig is None or self.rig.camera is None else self.rig.camera.address
 
     @property
     def cell_deg(self) -> tuple[float, ...] | None:
-        """Axes of the polarizers on the camera's pixels; None where it has none, or nobody says it."""
+        """Axes of the polarizers on the camera's pixels; None if there are none or they are not stated."""
         polarizer = self.polarizer
         if self.rig is None or self.rig.camera is None or polarizer.sense is None or polarizer.offset_deg is None:
             return None
@@ -266,7 +264,7 @@ class SessionRecord:
 
     @property
     def simulated_scene(self) -> Path | None:
-        """The scene file of a simulated run, where it stood."""
+        """Original path of the scene file of a simulated run."""
         scene = None if self.rig is None or self.rig.simulation is None else self.rig.simulation.get("scene")
         return Path(scene) if isinstance(scene, str) else None
 
@@ -290,7 +288,7 @@ _SESSION = TypeAdapter(SessionRecord)
 class RunDescription:
     """Content of the session file of a run."""
 
-    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]  #: Which layout the folder has.
+    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]  #: Version of the folder's layout.
     created_by: str  #: Program and version that made it.
     created_utc: str  #: When it was made.
     session: dict[str, JsonValue]  #: The resolved session; ``origin`` is "simulated", "device" or "import".
@@ -342,7 +340,7 @@ class RunEvent:
     """An event of a session."""
 
     id: int | None = None  #: Its place in the file, from 0.
-    utc: str = ""  #: When, as ``rigctl.base.numbers.utc_text`` writes it.
+    utc: str = ""  #: Time, as from ``rigctl.base.numbers.utc_text``.
     monotonic_ns: int | None = None  #: The same by the host's monotonic clock [ns].
     event: str  #: Its name, a word or two.
     facts: dict[str, JsonValue] = field(default_factory=dict)
@@ -352,7 +350,7 @@ _EVENT = TypeAdapter(RunEvent)
 
 
 def read_events(path: Path) -> list[RunEvent]:
-    """Return the events of a run folder, without a last line that was never finished."""
+    """Return the events of a run folder, without an unfinished last line."""
     file = path / EVENTS_FILE
     journal = read_journal(path)
     problems = journal_problems(journal)
@@ -362,7 +360,7 @@ def read_events(path: Path) -> list[RunEvent]:
 
 
 def event_line(event: RunEvent) -> str:
-    """Return an event as a line that a person reads: when, what, and what is known of it."""
+    """Return an event as a line for people: time, name and facts."""
     return f"{event.utc[:_UTC_DIGITS]}Z  {event.event:<14}  {event_facts(event)}".rstrip()
 
 
@@ -393,8 +391,8 @@ def host_clock_text(events: Iterable[RunEvent]) -> str | None:
         return None
     error_s = found.facts.get("utc_error_s")
     if not isinstance(error_s, float | int):
-        return "this machine's clock was not synchronised: how far from UTC it was is not known"
-    return f"this machine's clock was within {error_s * 1e3:.3g} ms of UTC, as its time service says"
+        return "this machine's clock was not synchronised, with an unknown error against UTC"
+    return f"this machine's clock was within {error_s * 1e3:.3g} ms of UTC, according to its time service"
 
 
 def pictures_lost(events: Iterable[RunEvent]) -> tuple[str, ...]:
@@ -407,20 +405,20 @@ def pictures_lost(events: Iterable[RunEvent]) -> tuple[str, ...]:
         return ()
     pictures = (
         f"Of the camera's pictures {sums['accepted']} were taken; {sums['damaged']} were damaged, {sums['too_old']} "
-        f"began too early, {sums['never_came']} never came. The connection was made anew {sums['reopened']} times."
+        f"began too early, {sums['never_came']} never came. The connection was restored {sums['reopened']} times."
     )
     if not sums["packets"]:
         return (pictures,)
     share = 100.0 * sums["packets_lost"] / sums["packets"]
     packets = (
         f"The network lost {share:.2g} % of their packets ({sums['packets_lost']} of {sums['packets']}); "
-        f"{sums['packets_resent']} of these came when they were asked for again."
+        f"{sums['packets_resent']} of these came when requested again."
     )
     return (pictures, packets)
 
 
 def closing_facts(*, frames: int, link: str | None) -> dict[str, JsonValue]:
-    """Return the facts of the closing event about the manifest: number of frames and chain."""
+    """Return the manifest's facts for the closing event: number of frames and chain."""
     return {} if link is None else {_FRAMES_FACT: frames, _CHAIN_FACT: link}
 
 
@@ -442,7 +440,7 @@ class MonitorReadings:
 
     def __post_init__(self) -> None:
         if not is_utc_text(self.read_utc):
-            raise ValueError(f"read_utc is {self.read_utc!r}, which is no time in UTC")
+            raise ValueError(f"read_utc is {self.read_utc!r}; it must be a time in UTC")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -513,19 +511,19 @@ def monitor_traces(events: Iterable[RunEvent]) -> tuple[MonitorTrace, ...]:
 class Annotation:
     """A note of a person about a run, or an exclusion of frames."""
 
-    utc: str  #: When it was, as `rigctl.base.numbers.utc_text` writes it; of an exclusion, when it was made.
+    utc: str  #: Time of a note or of the exclusion, as from `rigctl.base.numbers.utc_text`.
     by: str  #: Name of the person.
-    #: An exclusion takes frames out of every number, an inclusion takes them in again.
+    #: An exclusion removes frames from every number, an inclusion undoes it.
     kind: Literal["note", "exclude", "include"]
-    frames: tuple[Annotated[int, Field(ge=0)], ...] = ()  #: Their sequence numbers; a note may be of none.
+    frames: tuple[Annotated[int, Field(ge=0)], ...] = ()  #: Their sequence numbers; a note need not have any.
     text: str = ""
     written_utc: str | None = None  #: When the line was written.
 
     def __post_init__(self) -> None:
         if not is_utc_text(self.utc):
-            raise ValueError(f"utc is {self.utc!r}, which is no time")
+            raise ValueError(f"utc is {self.utc!r}; it must be a time")
         if self.kind != "note" and not self.frames:
-            raise ValueError(f"kind is {self.kind}, and no frames are named")
+            raise ValueError(f"kind is {self.kind}, which needs frames")
 
     @property
     def facts(self) -> str:
@@ -535,7 +533,7 @@ class Annotation:
 
     @property
     def line(self) -> str:
-        """The whole of it as a line that a person reads."""
+        """The annotation as a line for people."""
         return f"{self.utc[:_UTC_DIGITS]}Z  {self.kind:<14}  {self.facts}"
 
 
@@ -583,20 +581,19 @@ def frames_text(frames: Sequence[int]) -> str:
 class Lines:
     """Lines of a journal, as they are read."""
 
-    #: In the order of the file: what was written, without its seal (empty where the line is damaged), and what is wrong
-    #: with it or with its place.
+    #: In the order of the file: content without seal (empty if damaged), and the problem of the line or of its place.
     lines: tuple[tuple[bytes, str | None], ...]
     links: tuple[str, ...]  #: The chain after 0, 1, 2, ... lines.
     is_torn: bool  #: What follows the last line has no end: the writer was killed in the middle of it.
 
     @property
     def begins_elsewhere(self) -> bool:
-        """True where the first line does not follow on what the chain begins with."""
+        """True if the first line does not follow the beginning of the chain."""
         return bool(self.lines and self.links) and self.lines[0][1] == _NOT_FOLLOWING
 
 
 def read_lines(data: bytes, first_link: str) -> Lines:
-    """Return the lines of a journal, each held against its seal; `first_link` is what the chain begins with."""
+    """Return the lines of a journal with checked seals; `first_link` begins the chain."""
     whole, end, rest = data.rpartition(b"\n")
     raw = whole.split(b"\n") if end else []
     links = [first_link]
@@ -633,7 +630,7 @@ def journal_bytes(file: Path) -> bytes:
 
 
 def read_journal(path: Path) -> Lines:
-    """Return the lines of a run folder's events, each held against its seal; none where there is no such file."""
+    """Return the lines of a run folder's events with checked seals; none without the file."""
     data = journal_bytes(path / EVENTS_FILE)
     try:
         first = first_link(read_description(path / SESSION_FILE))
@@ -650,12 +647,12 @@ def journal_problems(journal: Lines) -> list[str]:
             if content:
                 _EVENT.validate_json(content)
         except ValidationError as error:
-            problems.append(f"line {number} is no event: {explain_invalid(error)}")
+            problems.append(f"line {number} is not an event: {explain_invalid(error)}")
     return problems
 
 
 def sound_events(journal: Lines) -> list[tuple[bytes, RunEvent]]:
-    """Return those lines that are sound by themselves, and what they say."""
+    """Return the valid lines, with their content."""
     found = []
     for content, _ in journal.lines:
         try:
@@ -667,7 +664,7 @@ def sound_events(journal: Lines) -> list[tuple[bytes, RunEvent]]:
 
 
 def explain_invalid(error: ValidationError, *, within: str = "") -> str:
-    """Return in one line what is wrong with a record: each field, inside the part that was read, and why."""
+    """Return the problems of a record in one line: each field with its part and the reason."""
     outer = (within,) if within else ()
     return "; ".join(
         f"{'.'.join(map(str, (*outer, *item['loc'])))}: {item['msg']}".removeprefix(": ") for item in error.errors()

@@ -1,4 +1,4 @@
-"""Writes a run folder: a frame is on the disk before the manifest names it, and an event at once."""
+"""Writes a run folder: a frame is on the disk before it is in the manifest, and an event at once."""
 
 import errno
 import json
@@ -110,7 +110,7 @@ class RunWriter:
         try:
             return disk.call(make)
         except BaseException as error:
-            # A writer that a hanging disk delayed is closed as soon as it exists.
+            # Closed as soon as it exists, after a delay by a hanging disk.
             disk.end(lambda: _close_all(made))
             if not isinstance(error, OSError):
                 raise
@@ -120,7 +120,7 @@ class RunWriter:
     def append(
         cls, path: Path, *, utc_ns: Clock = time.time_ns, monotonic_ns: Clock = time.monotonic_ns
     ) -> "RunWriter":
-        """Return a writer that adds frames to a run folder that exists."""
+        """Return a writer that adds frames to an existing run folder."""
         read_run(path)
         try:
             lock = RunLock(path)
@@ -131,7 +131,7 @@ class RunWriter:
                     path, lock=lock, sequences=sequences, first_link=link, utc_ns=utc_ns, monotonic_ns=monotonic_ns
                 )
         except OSError as error:
-            raise RunFolderError(f"{path}: cannot be added to: {error.strerror}") from error
+            raise RunFolderError(f"{path}: no frames can be added: {error.strerror}") from error
 
     def __enter__(self) -> "RunWriter":
         return self
@@ -153,19 +153,19 @@ class RunWriter:
 
     @property
     def next_sequence(self) -> int:
-        """The lowest sequence number above all that are taken."""
+        """The lowest unused sequence number."""
         return max(self._sequences, default=-1) + 1
 
     def write_frame(self, record: FrameRecord, counts: NDArray[Any]) -> FrameRecord:
-        """Return the record as it stands in the manifest, once the frame is on the disk.
+        """Return the record of the manifest, once the frame is on the disk.
 
-        Order: ``.part``, flush, rename, flush of the folder, line of the manifest, flush. A frame that the
-        manifest names is therefore whole, whenever the power goes.
+        Order: ``.part``, flush, rename, flush of the folder, line of the manifest, flush. A frame in the manifest is
+        therefore whole, even after a power cut.
         """
         return self.write_frames([(record, counts)])[0]
 
     def write_frames(self, frames: Iterable[tuple[FrameRecord, NDArray[Any]]]) -> tuple[FrameRecord, ...]:
-        """Return the records of several frames, of which either all or none are in the run."""
+        """Return the records of several frames, which are all in the run or none."""
         with self._writing:
             return self._write_frames(frames)
 
@@ -230,11 +230,11 @@ def _share_from(counts: NDArray[np.uint16], full_dn: int) -> float:
 def require_new_folder(path: Path) -> None:
     """Raise RunFolderError if the folder exists and is not empty."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise RunFolderError(f"{path}: not empty; a run needs a folder of its own. Name one that is not there yet")
+        raise RunFolderError(f"{path}: not empty; a run needs its own folder. Name one that does not exist")
 
 
 class EventLog:
-    """Notes events, each a line with the time by two clocks."""
+    """Writes events, each a line with the time by two clocks."""
 
     def __init__(self, path: Path, *, first_link: str, utc_ns: Clock, monotonic_ns: Clock) -> None:
         self._utc_ns = utc_ns

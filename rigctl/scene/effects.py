@@ -1,4 +1,4 @@
-"""Planning of effects: those that a scene calls for, what leaving others out changes, and what nobody stated."""
+"""Planning of effects: needed ones, changes by leaving others out, and effects that are not stated."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from model.scene.scene import LitScene, Readout
     from rigctl.scene.scene import Scene
 
-# Told the optical depth of each wavelength before it is solved.
+# Called with the optical depth of each wavelength before it is solved.
 Tell = Callable[[float], None]
 
-# Share of a tolerance that may go to effects that are left out; numerical settings have the rest.
+# Share of a tolerance for effects that are left out; numerical settings have the rest.
 SHARE = 0.5
 # Levels at which sizes of effects are evaluated: two digits, in a second.
 _ROUGH = dict.fromkeys(NUMERICAL_SETTINGS, 1) | {WAVELENGTHS: 2}
@@ -31,7 +31,7 @@ _ROUGH = dict.fromkeys(NUMERICAL_SETTINGS, 1) | {WAVELENGTHS: 2}
 
 @dataclass(frozen=True, kw_only=True)
 class Statement:
-    """How a scene file states an effect, and its usual range in words."""
+    """Line of a scene file for an effect, and its usual range in words."""
 
     table: str
     line: str  #: with the upper end of the range
@@ -39,7 +39,7 @@ class Statement:
 
 
 def statement_of(effect: Effect) -> Statement:
-    """Return what to add to a scene file that says nothing of an effect."""
+    """Return the line to add to a scene file that does not state an effect."""
     usual = EFFECTS[effect].usual
     if usual is None:
         raise ValueError(f"{effect}: every scene states it")
@@ -52,7 +52,7 @@ def _same(value: float) -> float:
     return value
 
 
-# Table of the scene file, line, words for the range, and the unit in which the file has it.
+# Table of the scene file, line, words for the range, and unit in the file.
 _STATEMENTS: dict[Effect, tuple[str, str, str, Callable[[float], float]]] = {
     Effect.FIELD_OF_VIEW: (
         "[field_of_view]",
@@ -84,7 +84,7 @@ class Verification:
     """All effects, evaluated one at a time, whether they act or not."""
 
     checked: tuple[CheckedEffect, ...]  #: One for each.
-    #: Time of the whole chain with all effects and with those that act, nothing being kept from before [s].
+    #: Time of the whole chain with all effects and with those that act, without cached results [s].
     all_s: float
     planned_s: float
 
@@ -102,7 +102,7 @@ def plan_effects(
     readout: "Readout | None" = None,
     exposure_s: float | None = None,
 ) -> PlannedScene:
-    """Return which effects a scene calls for at a tolerance, of which these may take one half."""
+    """Return the effects that a scene needs at a tolerance, half of which is for omitted effects."""
     settings = settings_of(scene)
     sensor = sensor_of(scene, scene.exposure_s if exposure_s is None else exposure_s)
     lit = lit_scene(scene, sensor=sensor, readout=readout_of(scene) if readout is None else readout)
@@ -128,8 +128,8 @@ def with_sizes(planned: PlannedScene, *, tell: Tell | None = None) -> PlannedSce
 def plan_for_prediction(
     lit: "LitScene", *, tolerance: float, forced: Mapping[Effect, bool], rule: EffectRule
 ) -> EffectPlan:
-    """Return which effects a scene calls for at a tolerance, all of which numerical settings have by the rule "all"."""
-    # The least tolerance has nothing to share.
+    """Return the effects of a scene at a tolerance, which is for numerical settings alone by the rule "all"."""
+    # The smallest tolerance is not shared.
     share = SHARE * tolerance if tolerance * (1.0 - SHARE) >= SMALLEST else 0.0
     if rule == "all":
         return plan_of_all(forced, tolerance=share, scene=lit)
@@ -137,7 +137,7 @@ def plan_for_prediction(
 
 
 def verify_effects(planned: PlannedScene, *, tell: Tell | None = None) -> Verification:
-    """Return what leaving out each effect truly changes, whether it acts or not."""
+    """Return the true change without each effect, whether it acts or not."""
 
     def empty() -> "LightStore":
         return SceneLight(is_kept_between_runs=False, tell=tell).lights

@@ -1,8 +1,8 @@
-"""The light of a scene: its record, in the units of the file, becomes the records of the model.
+"""The light of a scene: its record, in the units of the file, is converted to records of the model.
 
-`lit_scene` and `build_scenario` give what the model predicts from; `SceneLight` computes the light of materials and
-keeps it. Solved skies are kept between runs in the user's cache folder (`SkyStore`), each under a hash of all inputs
-and of the solver's source. A user's own sky is a numpy archive (`read_sky_table`).
+`lit_scene` and `build_scenario` give the inputs of a prediction; `SceneLight` computes and caches the light of
+materials. Solved skies are stored in the user's cache folder (`SkyStore`), each under a hash of all inputs and of the
+solver's source. A user's own sky is a numpy archive (`read_sky_table`).
 """
 
 import contextlib
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 
 def require_engine(engine: Engine, *, tier: Fidelity | None = None) -> None:
-    """Refuse a program that is not installed, or for which a tier has no work."""
+    """Refuse an engine that is not installed, or a tier that needs no solver."""
     if engine == "own":
         return
     if tier is not None and FIDELITY_LEVELS[tier].settings is None:
@@ -79,7 +79,7 @@ class NotStorableError(Exception):
 
 
 def fingerprint(value: object) -> str:
-    """Return a hash of a record, equal for records of equal numbers and structure."""
+    """Return a hash of the numbers and structure of a record."""
     writer = _Writer()
     root = writer.tree(value)
     digest = hashlib.sha256(json.dumps([root, writer.records]).encode())
@@ -110,7 +110,7 @@ def decode(data: bytes, kinds: Mapping[str, type]) -> Any:
 
 
 class _Writer:
-    """Writes a record as JSON and arrays; a record or array that occurs again becomes a reference."""
+    """Writes a record as JSON and arrays; repeated records and arrays become references."""
 
     def __init__(self) -> None:
         self.records: list[Any] = []
@@ -146,7 +146,7 @@ class _Writer:
             self.records.append([type(value).__name__, parts])
         else:
             raise NotStorableError(type(value).__name__)
-        self._alive.append(value)  # an id is unique as long as its object lives
+        self._alive.append(value)  # keeps the object alive, so that its id stays unique
         self._known[id(value)] = reference
         return reference
 
@@ -167,7 +167,7 @@ def _decoded(tree: Any, made: list[Any], arrays: Mapping[str, NDArray[Any]]) -> 
 # A user's own sky
 
 
-# The sun of the scene may differ from the table's by this much.
+# Largest difference between the sun of the scene and the table's.
 _SAME_SUN_DEG = 0.5
 # Arrays of the archive, with their shapes: Z zenith angles, P azimuths, H heights.
 ARRAYS = {
@@ -197,8 +197,8 @@ def read_sky_table(path: Path, *, sun_zenith_rad: float) -> TableLighting:
     table_deg, scene_deg = arrays["sun_zenith_deg"], float(np.degrees(sun_zenith_rad))
     if table_deg.shape != () or abs(float(table_deg) - scene_deg) > _SAME_SUN_DEG:
         raise ConfigError(
-            f"{path}: is of a sun at {table_deg} deg from the zenith, the scene's stands at {scene_deg:.2f} deg; "
-            f"allowed is a difference of {_SAME_SUN_DEG} deg"
+            f"{path}: is for a sun at {table_deg} deg from the zenith, the scene's is at {scene_deg:.2f} deg; allowed "
+            f"is a difference of {_SAME_SUN_DEG} deg"
         )
     try:
         return TableLighting(
@@ -219,19 +219,19 @@ def read_sky_table(path: Path, *, sun_zenith_rad: float) -> TableLighting:
 
 _MAGIC = b"rigctl sky 1 sha256 "
 _KINDS: dict[str, type] = {kind.__name__: kind for kind in (Solution, ModeBlock, Layer, ScatteringMatrix)}
-# Of one wavelength some 1.5 MB: this holds the skies of eighty sun positions in four wavelengths.
+# Room for eighty sun positions in four wavelengths, at some 1.5 MB per wavelength.
 LIMIT_BYTES = 500_000_000
 
 
 def user_cache_folder() -> Path:
-    """Return where this user's computed skies are kept: below XDG_CACHE_HOME, or ~/.cache."""
+    """Return the folder of this user's computed skies, below XDG_CACHE_HOME or ~/.cache."""
     stated = os.environ.get("XDG_CACHE_HOME", "")
     base = Path(stated) if Path(stated).is_absolute() else Path.home() / ".cache"
     return base / "rigctl" / "skies"
 
 
 class SkyStore:
-    """Solves an atmosphere, or takes the solution from the folder; called like `model.atmosphere.solver.solve`.
+    """Solves an atmosphere, or reads the solution from the folder; called like `model.atmosphere.solver.solve`.
 
     The name of an entry is the hash of every input and of the solver's source code. An entry that does not match its
     own checksum is computed again.
@@ -245,7 +245,7 @@ class SkyStore:
 
     def __call__(self, layers: tuple[Layer, ...], **settings: Any) -> Solution:
         """Return the solution of an atmosphere; arguments as `model.atmosphere.solver.solve`."""
-        # Another version of the solver takes nothing from this one.
+        # Other versions of the solver do not use these entries.
         key = hashlib.sha256((_code_hash() + fingerprint((layers, settings))).encode()).hexdigest()
         path = self._folder / f"{key}.sky"
         kept = self._read(path)
@@ -266,14 +266,14 @@ class SkyStore:
         except FileNotFoundError:
             return None
         except OSError as error:
-            self.remarks.append(f"computed skies: {path} cannot be read ({error.strerror}); computed anew")
+            self.remarks.append(f"computed skies: {path} cannot be read ({error.strerror}); computed again")
             return None
         solution = _checked(data)
         if solution is None:
-            self.remarks.append(f"computed skies: {path} is damaged; computed anew")
+            self.remarks.append(f"computed skies: {path} is damaged; computed again")
             return None
         with contextlib.suppress(OSError):
-            os.utime(path)  # the oldest by use goes first when the folder is full
+            os.utime(path)  # marks it as used, since a full folder removes the least recently used
         return solution
 
     def _write(self, path: Path, solution: Solution) -> None:
@@ -281,17 +281,17 @@ class SkyStore:
             body = encode(solution)
             self._folder.mkdir(parents=True, exist_ok=True)
             part = path.with_name(f"{path.name}.{os.getpid()}.part")
-            # Not flushed: an entry that a power cut spoils fails its checksum.
+            # Not flushed: an entry damaged by a power cut fails its checksum.
             part.write_bytes(_MAGIC + hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
             part.replace(path)
             self._make_room()
         except NotStorableError as what:
-            self.remarks.append(f"computed skies: {what} in a solution cannot be kept")
+            self.remarks.append(f"computed skies: {what} in a solution cannot be stored")
         except OSError as error:
-            self.remarks.append(f"computed skies: {self._folder} cannot be written ({error.strerror}); nothing is kept")
+            self.remarks.append(f"computed skies: {self._folder} cannot be written ({error.strerror})")
 
     def _make_room(self) -> None:
-        """Remove the entries that were not used for longest until the rest fits."""
+        """Remove the least recently used entries until the rest fits."""
         entries = sorted(
             (path for path in self._folder.iterdir() if path.suffix == ".sky"), key=lambda path: path.stat().st_mtime_ns
         )
@@ -329,7 +329,7 @@ def sources_of(folder: Traversable, prefix: str = "") -> dict[str, Traversable]:
 
 
 def _checked(data: bytes) -> Solution | None:
-    """Solution of an entry, or None where the entry is not whole."""
+    """Solution of an entry, or None if it is incomplete."""
     head, _, body = data.partition(b"\n")
     if head != _MAGIC + hashlib.sha256(body).hexdigest().encode():
         return None
@@ -343,7 +343,7 @@ def _checked(data: bytes) -> Solution | None:
 # The scene as records of the model
 
 
-# South: the sun's azimuth where the scene file states phi alone; no result depends on it.
+# South, as the sun's azimuth if the scene file states only phi; no result depends on it.
 _ANY_AZIMUTH_DEG = 180.0
 _M_PER_DU, _PA_PER_HPA = 1e-5, 100.0
 
@@ -356,7 +356,7 @@ def wavelength_m(scene: "Scene") -> float:
 
 
 def air_of(scene: "Scene") -> Air:
-    """Return what the light of sun and sky depends on."""
+    """Return the inputs of the light of sun and sky."""
     given, sun = scene.atmosphere, scene.sun
     if given is None or sun is None or not scene.sensor.has_band:
         raise ConfigError(f"scene {scene.name}: needs [sun], [atmosphere] and the sensor's band to compute a sky")
@@ -409,7 +409,7 @@ def sun_azimuth_rad(scene: "Scene") -> float:
 
 
 def settings_of(scene: "Scene") -> Settings:
-    """Return the numerical settings that a scene file states, without a tolerance."""
+    """Return the numerical settings in a scene file, for use without a tolerance."""
     air, field = scene.atmosphere, scene.field_of_view
     settings = settings_of_fidelity(
         Fidelity.STANDARD if air is None else air.tier, wavelengths=4 if air is None else air.wavelengths
@@ -432,7 +432,7 @@ def lit_region(scene: "Scene", region: "SceneRegionRecord") -> LitRegion:
     try:
         return LitRegion(
             name=region.name,
-            # Its properties are those at the sensor's wavelength already.
+            # Its properties are already those at the sensor's wavelength.
             surface=surface_here(region.material, shadowing=given.shadowing, diffuse=given.diffuse),
             tilt=Tilt(tilt_rad=radians(given.tilt_deg), azimuth_rad=radians(given.tilt_azimuth_deg)),
             part=field_part(scene, region),
@@ -526,19 +526,19 @@ def _value(number: Uncertain | None) -> float | None:
 
 
 def radians(number: Uncertain | None) -> float:
-    """Return an angle of a file in radians; 0 where there is none."""
+    """Return an angle of a file in radians; 0 if missing."""
     return 0.0 if number is None else np.deg2rad(number.value).item()
 
 
 _REFERENCE_M = 550e-9
 _BY_SASKTRAN2 = (
-    "atmosphere: solved by sasktran2 as an independent check, not kept between runs; 2 to 10 deg from the zenith it is "
-    "off by up to 1.6 % in radiance, and nearer than 1 deg to the horizon it is not to be used"
+    "atmosphere: solved by sasktran2 as an independent check, without a cache; 2 to 10 deg from the zenith its "
+    "radiance is off by up to 1.6 %, and within 1 deg of the horizon it is wrong"
 )
 
 
 class SceneLight:
-    """Computes the light of scenes, and keeps what it computed."""
+    """Computes and caches the light of scenes."""
 
     def __init__(
         self,
@@ -548,10 +548,10 @@ class SceneLight:
         is_kept_between_runs: bool = True,
         tell: Callable[[float], None] | None = None,
     ) -> None:
-        """Set where solved skies are kept, and what solves them; those of another program are not kept between runs.
+        """Set the solver of skies and their storage; only skies of our own solver are stored between runs.
 
-        Studies keep none, since their thousands of skies would displace all others. `tell` is called with the optical
-        depth of each wavelength before it is solved, which takes seconds where the air is deep.
+        Studies store none, since their thousands of skies would displace all others. `tell` is called with the optical
+        depth of each wavelength before it is solved, which takes seconds in deep air.
         """
         require_engine(engine)
         self._engine = engine
@@ -560,7 +560,7 @@ class SceneLight:
 
     @cached_property
     def lights(self) -> LightStore:
-        """The store in which the model keeps its lights."""
+        """The model's cache of lights."""
         from model.atmosphere.sasktran2_engine import sasktran2_solution
 
         own = self._solved if self._is_kept else solve
@@ -585,7 +585,7 @@ class SceneLight:
             )
 
     def region(self, scene: "Scene", region: "SceneRegionRecord", settings: "Settings | None" = None) -> "FieldLight":
-        """Return the light of a region that is given by its material."""
+        """Return the light of a region with a material."""
         from model.accuracy.chain import LightRequest
 
         with as_config_error(f"scene {scene.name}"):
@@ -600,7 +600,7 @@ class SceneLight:
             return self.lights.light(request)
 
     def remarks(self, scene: "Scene") -> tuple[str, ...]:
-        """Return the depth of the atmosphere, the effort of its solution, and its largest uncertainty, in words."""
+        """Return depth, accuracy and largest uncertainty of the atmosphere, in words."""
         if scene.atmosphere is None or scene.sun is None or not scene.sensor.has_band:
             return ()
         by_engine = () if self._engine == "own" else (_BY_SASKTRAN2,)
@@ -625,7 +625,7 @@ def _of_atmosphere(air: "AtmosphereSection") -> Iterable[str]:
         f"{at_550.tau_rayleigh:.3f}; tier {air.tier} ({facts.accuracy})"
     )
     yield (
-        f"atmosphere: aerosol taken as {air.aerosol} (of {', '.join(AerosolKind)}){_alternative(air)}. The kind of "
+        f"atmosphere: aerosol assumed {air.aerosol} (of {', '.join(AerosolKind)}){_alternative(air)}. The kind of "
         "aerosol is the largest uncertainty of the sky: at the same optical depth its largest degree of polarization "
         "is 0.18 with a depolarizing aerosol, 0.23 with a polarizing one, 0.41 with spheres (rural, 23 km, 550 nm, "
         "black ground, sun 25 deg from the zenith). For this scene: rigctl sky SCENE.toml --compare-aerosols"
@@ -641,7 +641,7 @@ def _alternative(air: "AtmosphereSection") -> str:
     changed = [other.aerosol or "", other.aerosol_type or "", other.upper_aerosol_type or ""]
     own = [section.name for section in (other.own_aerosol, other.own_upper_aerosol) if section is not None]
     named = " ".join(word for word in (*changed, *own) if word)
-    return f", with a share of {share.value:g} +- {share.std:g} of the light as if it were {named}"
+    return f", with a share of {share.value:g} +- {share.std:g} of the light of {named}"
 
 
 def build_scenario(
@@ -683,7 +683,7 @@ def lit_scene(scene: "Scene", *, sensor: Sensor, readout: Readout, source: "Sour
 
 
 def readout_of(scene: "Scene") -> Readout:
-    """Return angles and cycles as the scene file states them, for a prediction without a run."""
+    """Return angles and cycles of the scene file, for a prediction without a run."""
     angles_deg = sorted(angle % 180.0 for angle in scene.acquisition.angles_deg)
     return Readout(
         angles_rad=np.deg2rad(angles_deg),
@@ -713,7 +713,7 @@ def sensor_of(scene: "Scene", exposure_s: float) -> Sensor:
 
 
 def imperfections_of(scene: "Scene", *, frames: int) -> Imperfections:
-    """Return the imperfections of the session; the file has angles in the order of time, the readout rising."""
+    """Return the imperfections of the session; angles are in order of time in the file, ascending in the readout."""
     errors = scene.errors
     angles_deg = np.mod(scene.acquisition.angles_deg, 180.0)
     in_time = tuple(np.argsort(angles_deg, kind="stable").tolist()) if scene.rig is None else scene.rig.frame_order
@@ -729,12 +729,12 @@ def imperfections_of(scene: "Scene", *, frames: int) -> Imperfections:
 
 
 def sun_text(scene: Scene, *, time: str | None = None) -> str:
-    """Return zenith angle and azimuth of the sun, phi (the sun's azimuth minus the camera's), and when that is."""
+    """Return zenith angle and azimuth of the sun, phi (the sun's azimuth minus the camera's), and the time."""
     if scene.sun is None or scene.geometry is None:
         return "none"
     azimuth = scene.sun.azimuth_deg
     apart_deg = float(np.rad2deg(sun_azimuth_rad(scene) - camera_view(scene).azimuth_rad))
-    # In (-180, 180], to the digits that are shown: 180 is where the camera looks toward the sun's side.
+    # In (-180, 180], to the displayed digits: at 180 the camera looks toward the sun's side.
     phi_deg = -float(wrapped(-round(apart_deg, 2), turn=360.0))
     parts = (
         f"zenith {scene.sun.zenith_deg.value:.2f} deg",

@@ -1,4 +1,4 @@
-"""Light that a material reflects: in the principal plane, over the hemisphere, and in all; with its sources."""
+"""Light reflected by a material: in the principal plane, over the hemisphere, and in total; with its sources."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 
 _CAMERA_ZENITHS_DEG = np.arange(-85.0, 86.0, 5.0)
 _SUN_ZENITHS_DEG = np.append(np.arange(0.0, 81.0, 10.0), [85.0, 89.0])
-# As fine as a figure shows it.
+# Resolution of the figures.
 CURVE_DEG = np.linspace(-89.0, 89.0, 713)
 RINGS_DEG = np.linspace(0.0, 89.0, 179)
 ROUND_DEG = np.linspace(-180.0, 180.0, 361)
@@ -29,10 +29,10 @@ _STEP = 0.1
 class ReflectedLight:
     """Unpolarised light after reflection into one direction of the principal plane."""
 
-    #: Positive on the side to which a mirror would throw the light, negative on the sun's side.
+    #: Positive toward the mirror direction, negative on the sun's side.
     camera_zenith_deg: float
     f00_per_sr: float  #: Reflected radiance by irradiance.
-    s1n: float | None  #: S1 / S0 and DoLP; None where nothing is reflected.
+    s1n: float | None  #: S1 / S0 and DoLP; None without reflected light.
     dolp: float | None
 
 
@@ -50,20 +50,20 @@ class Reflectance:
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceSheet:
-    """All that is said of a material at one wavelength and one angle of the sun."""
+    """Properties and reflection of a material at one wavelength and one angle of the sun."""
 
     material: str  #: Name.
-    surface: Surface  #: What the material makes at the wavelength.
+    surface: Surface  #: The surface at the wavelength.
     wavelength_nm: float  #: At which.
     sun_zenith_deg: float
-    properties: dict[str, Property]  #: Every value that went into it, at the wavelength.
+    properties: dict[str, Property]  #: Every property at the wavelength.
     principal_plane: tuple[ReflectedLight, ...]  #: In the plane of sun and normal.
     reflectance: tuple[Reflectance, ...]  #: Over angles of incidence.
-    findings: tuple[str, ...]  #: What no real surface does, in words.
+    findings: tuple[str, ...]  #: Unphysical properties, in words.
 
 
 def surface_sheet(material: Material, surface: Surface, *, wavelength_nm: float, sun_zenith_deg: float) -> SurfaceSheet:
-    """Return all that is said of a material; of a measured one, at the angles that were measured."""
+    """Return properties and reflection of a material; of a measured one at the measured angles."""
     sun_rad, cameras_deg = float(np.deg2rad(sun_zenith_deg)), _CAMERA_ZENITHS_DEG
     if surface.table is not None:
         surface.table.require_covered(np.array([sun_rad]), np.zeros(1))
@@ -83,10 +83,10 @@ def surface_sheet(material: Material, surface: Surface, *, wavelength_nm: float,
 
 
 def reflected_maps(surface: Surface, *, sun_zenith_deg: float) -> tuple[FloatArray, FloatArray]:
-    """Return Stokes radiance by irradiance of unpolarised light, as finely as a figure shows it [sr^-1].
+    """Return Stokes radiance over irradiance of unpolarised light, at the resolution of the figures [sr^-1].
 
     In the principal plane, at `CURVE_DEG`; and over all directions of the camera, at zenith angles `RINGS_DEG` and
-    azimuths `ROUND_DEG` from the sun's, clockwise from above. NaN where a table has nothing measured.
+    azimuths `ROUND_DEG` from the sun's, clockwise from above. NaN outside a table's measurements.
     """
     sun_zenith_rad = float(np.deg2rad(sun_zenith_deg))
     azimuth_rad, zenith_rad = np.meshgrid(np.deg2rad(ROUND_DEG), np.deg2rad(RINGS_DEG))
@@ -101,7 +101,7 @@ def reflected_maps(surface: Surface, *, sun_zenith_deg: float) -> tuple[FloatArr
 
 
 def principal_plane(surface: Surface, camera_zenith_rad: FloatArray, *, sun_zenith_rad: float) -> FloatArray:
-    """Return Stokes radiance by irradiance of unpolarised light, shape (N, 3) [sr^-1]; see `ReflectedLight`."""
+    """Return Stokes radiance over irradiance of unpolarised light, shape (N, 3) [sr^-1]; see `ReflectedLight`."""
     phi = np.where(camera_zenith_rad >= 0.0, np.pi, 0.0)
     return mueller(sun_zenith_rad, np.abs(camera_zenith_rad), phi, surface=surface)[..., 0]
 
@@ -137,7 +137,7 @@ def readings_at(
             change: dict[str, Any] = {name: replace(given, values=values)}
             try:
                 slopes.append((readings(replace(material, **change)) - found) / step)
-            except ValueError:  # beyond what a surface can be: the other side alone tells the slope
+            except ValueError:  # outside the range of a surface: one-sided slope
                 continue
         variance += np.mean(slopes, axis=0) ** 2 if slopes and given.standard_uncertainty else 0.0
     return found, np.sqrt(variance)

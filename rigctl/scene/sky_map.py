@@ -1,4 +1,4 @@
-"""The sky of a scene: Stokes radiance over the hemisphere, of its own aerosol or of one kind after another."""
+"""The sky of a scene: Stokes radiance over the hemisphere, for its own aerosol or for several kinds."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ class SkyMap:
     sun_azimuth_deg: float
     direct_irradiance: float  #: Of the beam on a plane normal to it, and of the sky on level ground [W m-2 in band].
     sky_irradiance: float
-    relative_error: float  #: Of the sampled sky, over its mean radiance; the atmosphere has its own.
+    relative_error: float  #: Of the sampled sky, over its mean radiance, without that of the atmosphere.
     remarks: tuple[str, ...]  #: Tier, accuracy, optical depth, kind of aerosol.
 
     @property
@@ -54,8 +54,8 @@ class SkyMap:
 class SkyOfKind:
     """The sky with one kind of aerosol."""
 
-    label: str  #: What scatters, in words.
-    is_chosen: bool  #: Whether the scene file has it so.
+    label: str  #: The aerosol, in words.
+    is_chosen: bool  #: True for the aerosol of the scene file.
     sky: SkyMap  #: Its sky.
 
 
@@ -88,17 +88,17 @@ def _map(name: str, illumination: Illumination, *, remarks: tuple[str, ...]) -> 
 
 
 def skies_of_kinds(scene: Scene, *, engine: Engine = "own") -> Iterator[SkyOfKind]:
-    """Yield the sky of a scene for each kind of aerosol: that of the file first, its depth at 550 nm in all of them."""
+    """Yield the sky of a scene for each kind of aerosol at the file's depth at 550 nm, the file's kind first."""
     own = scene.atmosphere
     if own is None or own.tier is Fidelity.TABLE:
-        raise ConfigError(f"--compare-aerosols: {scene.name} has no atmosphere that is computed; a table's sky is one")
+        raise ConfigError(f"--compare-aerosols: {scene.name} has no computed atmosphere; a table has a single sky")
     for label, air in _kinds(own):
         changed = replace(scene, atmosphere=air.model_copy(update={"alternative": None}))
         yield SkyOfKind(label=label, is_chosen=air is own, sky=sky_map(changed, engine=engine))
 
 
 def _kinds(own: AtmosphereSection) -> Iterable[tuple[str, AtmosphereSection]]:
-    """Yield what the file says; then the other kinds of the same aerosol; then spheres of others below 2 km."""
+    """Yield the file's aerosol, then its other kinds, then spheres of others below 2 km."""
     name = own.aerosol_type.value if own.own_aerosol is None else own.own_aerosol.name
     yield f"{own.aerosol}, {name}", own
     for kind in AerosolKind:
@@ -111,7 +111,7 @@ def _kinds(own: AtmosphereSection) -> Iterable[tuple[str, AtmosphereSection]]:
 
 
 def sky_difference(sky: SkyMap, reference: SkyMap) -> dict[str, float]:
-    """Return how far a sky is from another: of S0, relative, rms over the solid angle; of DoLP, the largest."""
+    """Return the difference of two skies: relative rms of S0 over the solid angle, and largest of DoLP."""
     weight = np.sin(np.deg2rad(reference.zenith_deg))[:, np.newaxis] * np.ones(reference.azimuth_deg.size)
     ratio = sky.stokes[..., 0] / reference.stokes[..., 0] - 1.0
     return {

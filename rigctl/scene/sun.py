@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 _DAY_S = 86400.0
 # Julian date of the midnight at which day 0 of Python's calendar begins.
 _JULIAN_DAY_OF_YEAR_1 = 1721424.5
-# Motion of the pole, which is at most 0.0001 deg, is left out.
+# Motion of the pole, at most 0.0001 deg, is neglected.
 _POLE_RAD = (0.0, 0.0)
 # Pressure [hPa], temperature [degC], humidity, wavelength [um]: without pressure there is no refraction.
 _NO_AIR = (0.0, 0.0, 0.0, 0.55)
@@ -40,10 +40,9 @@ class SunPosition:
 def sun_position(time: datetime, place: Place) -> SunPosition:
     """Return the position of the sun.
 
-    Refraction, which lifts the sun by 0.02 deg at 50 deg from the zenith, is left out: the atmosphere has none either.
-
-    UTC stands for the Earth's rotation, from which it is at most 0.9 s away: 0.004 deg. Leap seconds of years to come
-    are not known; each would move the sun by as much.
+    Refraction, 0.02 deg at 50 deg from the zenith, is neglected, as in the atmosphere. UTC replaces the Earth's
+    rotation, from which it differs by at most 0.9 s: 0.004 deg. Future leap seconds, each with the same effect, are
+    unknown.
 
     Standards of Fundamental Astronomy, IAU (2006 precession, 2000A nutation), as ERFA has them (apco13, ab, atioq).
     """
@@ -63,11 +62,11 @@ def sun_position(time: datetime, place: Place) -> SunPosition:
             *_POLE_RAD,
             *_NO_AIR,
         )
-    # From the observer to the sun, turned by his motion round it (20 arc seconds), then by precession and nutation.
+    # From the observer to the sun, corrected for aberration (20 arc seconds), precession and nutation.
     toward = erfa.ab(-observer["eh"], observer["v"], observer["em"], observer["bm1"])
     right_ascension, declination = erfa.c2s(erfa.rxp(observer["bpn"], toward))
     azimuth_rad, zenith_rad, *_ = erfa.atioq(right_ascension, declination, observer)
-    from_sun, _ = erfa.epv00(*day)  # of the Earth's middle: the same for every place [au]
+    from_sun, _ = erfa.epv00(*day)  # of the Earth's centre, the same for every place [au]
     return SunPosition(
         zenith_rad=float(zenith_rad),
         azimuth_rad=float(azimuth_rad),
@@ -83,7 +82,7 @@ def _julian_date(time: datetime) -> tuple[float, float]:
 
 
 NM_PER_M = 1e9
-# What the atmosphere's tables cover.
+# Range of the atmosphere's tables.
 SHORTEST_NM, LONGEST_NM = 300.0, 1060.0
 
 

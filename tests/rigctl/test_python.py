@@ -81,7 +81,7 @@ def test_a_run_that_is_not_whole_says_so(run_path, tmp_path):
     assert "unfinished: 8 frames" in repr(run)
     damaged = Path(shutil.copytree(run_path, tmp_path / "damaged"))
     (damaged / "events.jsonl").write_bytes(b"{}\n")
-    with pytest.warns(UserWarning, match="is damaged, and its numbers are not to be trusted"):
+    with pytest.warns(UserWarning, match="is damaged, and its numbers are unreliable"):
         assert rigctl.open_run(damaged).wholeness == "damaged"
 
 

@@ -70,7 +70,7 @@ def test_a_read_noise_that_is_a_bound_bounds_the_curve_of_the_signal_to_noise_ra
     coarse = replace(noise, read_noise_e=None, bounds=noise.bounds | {"read_noise_e": Bound(bound="<", value=19.8)})
     snr_png(coarse)
     assert "at least: read noise below 19.8 e-" in drawn
-    assert "flats, noise in time" in drawn
+    assert "flats, temporal noise" in drawn
 
 
 def test_the_defect_map_is_a_picture_of_the_sensor(tmp_path: Path) -> None:

@@ -100,7 +100,7 @@ def test_a_frame_file_that_is_not_in_the_manifest_is_reported(run, caplog):
     (run / "frames" / "999999_scene_a000.fits").write_bytes((run / "frames" / "000002_scene_a000.fits").read_bytes())
     with caplog.at_level(logging.WARNING, logger="rigctl"):
         assert len(used_run(run).frames) == 10
-    assert "999999_scene_a000.fits: 1 files that the manifest does not name are not used" in caplog.text
+    assert "999999_scene_a000.fits: 1 files missing from the manifest are not used" in caplog.text
     assert verification_of(run).state == "damaged"
 
 
@@ -193,10 +193,10 @@ def test_a_repair_refuses_a_damaged_session_file_and_that_of_another_run(run, tm
     before = {file: file.read_bytes() for file in run.rglob("*") if file.is_file()}
     other = make_run(tmp_path / "other")
     shutil.copy(other / "session.json", run / "session.json")
-    with pytest.raises(RunFolderError, match="manifest and events begin elsewhere"):
+    with pytest.raises(RunFolderError, match="belongs to another run than manifest and events"):
         repair_run(run)
     (run / "session.json").write_text("{")
-    with pytest.raises(RunFolderError, match=r"session\.json: .*what was to be taken is not known"):
+    with pytest.raises(RunFolderError, match=r"session\.json: .*the plan of the session is not known"):
         repair_run(run)
     (run / "session.json").write_bytes(before[run / "session.json"])
     assert {file: file.read_bytes() for file in run.rglob("*") if file.is_file()} == before

@@ -80,7 +80,7 @@ def test_file_without_its_last_block_is_refused_though_zeros_do_not_change_a_sum
 def test_another_programs_fits_is_refused():
     file = io.BytesIO()
     fits.PrimaryHDU(np.zeros((3, 4), dtype=np.float32)).writeto(file, checksum=True)
-    with pytest.raises(DataError, match="no frame that this program wrote"):
+    with pytest.raises(DataError, match="not a frame of this program"):
         decode_frame(file.getvalue())
 
 

@@ -411,7 +411,7 @@ def test_a_file_that_is_no_archive_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "sun_deg", "said"),
     [
-        ({}, 40.0, r"50.0 deg from the zenith, the scene's stands at 40.00"),
+        ({}, 40.0, r"50.0 deg from the zenith, the scene's is at 40.00"),
         ({"height_m": None, "path_stokes": None}, 50.0, r"(?s)height_m.*path_stokes"),
         ({"sky_stokes": np.zeros((2, 3, 3))}, 50.0, "sky_stokes"),
     ],

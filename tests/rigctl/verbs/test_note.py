@@ -215,7 +215,7 @@ def test_a_damaged_line_is_reported_by_verify_and_the_run_is_not_measured(run, c
     _spoil(run, change)
     assert any(finding.file == ANNOTATIONS_FILE for finding in verification_of(run).bad)
     assert cli.main(["verify", str(run)]) == 4
-    with pytest.raises(RunFolderError, match="which frames are excluded is not known"):
+    with pytest.raises(RunFolderError, match="the excluded frames are not known"):
         used_run(run)
     assert cli.main(["status", "--contents", str(run), "--ignore-exclusions"]) == 0
     with pytest.raises(RunFolderError, match="annotations"):

@@ -159,9 +159,9 @@ def test_curves_are_refused_if_exclusions_cannot_be_read(tmp_path: Path) -> None
     file = run / "annotations.jsonl"
     file.write_bytes(file.read_bytes().replace(b"bird", b"bard"))
     reader = RunReader(run)
-    with pytest.raises(DataError, match="which frames are excluded is not known"):
+    with pytest.raises(DataError, match="the excluded frames are not known"):
         reader.curves()
-    assert any("which frames are excluded is not known" in text for text in reader.look()["problems"])
+    assert any("the excluded frames are not known" in text for text in reader.look()["problems"])
     assert (reader.look()["maps_of"], reader.picture("0") is not None) == ("", True)
 
 
