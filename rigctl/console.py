@@ -1,7 +1,7 @@
-"""What leaves the program: answers, progress, warnings, JSON and failures; with --anonymous without names.
+"""Output of the program: answers, progress, warnings, JSON and failures; --anonymous leaves out names.
 
 Results go to standard output, progress and remarks to standard error. A verb reports by `warn` and `note`; `failure_of`
-gives a failure its exit code and its words. What the rest of the package takes from here is light to import.
+gives a failure its exit code and its words. The parts used by the rest of the package are light to import.
 """
 
 import errno
@@ -34,19 +34,19 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _WIDTH_OF_FILES = 120
-# A wavelength of deeper air takes seconds to minutes: worth a line where there is no terminal for a bar.
+# Optical depth above which a wavelength takes seconds to minutes, which is reported if there is no terminal for a bar.
 _DEEP = 12.0
-# After which something is shown on a terminal [s].
+# Time before a bar is shown on a terminal [s].
 _SILENT_S = 1.0
 
 
 def warn(text: str) -> None:
-    """Report a doubt: the command line prints it on standard error, in Python it goes to the logger ``rigctl``."""
+    """Report a doubt: on standard error of the command line, or to the logger ``rigctl`` in Python."""
     _LOG.warning("%s", text)
 
 
 def note(text: str, *, below: bool = False) -> None:
-    """Report a step, or below the answer which files were written; silent in Python unless its level is shown."""
+    """Report a step, or written files below the answer; silent in Python unless the logger shows this level."""
     _LOG.info("%s", text, extra={"below": below})
 
 
@@ -54,21 +54,21 @@ def _console(**options: Any) -> "Console":
     from rich.console import Console
 
     class SafeConsole(Console):
-        """Shows control characters of texts, which may come from files of others, and obeys none."""
+        """Shows control characters of texts, which may come from files of others, without effect."""
 
         def render_str(self, text: str, **style: Any) -> "Text":
-            """Return a text to be printed; those in tables come here too."""
+            """Return a printable text, also for tables."""
             return super().render_str(visible(text), **style)
 
-    # Without markup: "[deg]" is a unit here and no style.
+    # Without markup: "[deg]" is a unit, not a style.
     return SafeConsole(highlight=False, markup=False, **options)
 
 
 def results() -> "Console":
-    """Return the console for what a command was asked for."""
-    # A table in a file or a pipe need not be squeezed into the width of a terminal.
+    """Return the console for the answer of a command."""
+    # A table in a file or a pipe may be wider than a terminal.
     width = None if sys.stdout.isatty() else _WIDTH_OF_FILES
-    # Words are kept whole on a terminal; in a file a sentence is one line.
+    # Lines break between words on a terminal; in a file a sentence is one line.
     return _console(soft_wrap=not sys.stdout.isatty(), width=width)
 
 
@@ -80,10 +80,10 @@ def progress() -> "Console":
 
 @contextmanager
 def solving_shown() -> Iterator[Callable[[float], None]]:
-    """Show a bar with the time while a scene is computed; what is yielded is told each sky's optical depth.
+    """Show a bar with the time while a scene is computed; the yielded function takes each sky's optical depth.
 
-    The bar is shown on a terminal, from the first sky on, or after a second: light of spheres, wide fields and laws of
-    DoLP may take longer than skies. Elsewhere one line says that deep air takes long.
+    The bar appears on a terminal with the first sky, or after a second: light of spheres, wide fields and laws of DoLP
+    may take longer than skies. Elsewhere one line warns of deep air.
     """
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -115,7 +115,7 @@ def solving_shown() -> Iterator[Callable[[float], None]]:
 
 @contextmanager
 def steps_shown() -> Iterator[Callable[[str, int, int], None]]:
-    """Show a bar on a terminal; what is yielded takes what is being done, the steps done and how many there are."""
+    """Show a bar on a terminal; the yielded function takes the current work, the steps done and their total."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = progress()
@@ -125,23 +125,23 @@ def steps_shown() -> Iterator[Callable[[str, int, int], None]]:
         yield lambda text, done, steps: bar.update(task, completed=done, total=steps, description=text)
 
 
-# JSON: a number that does not exist is null, with its reason next to it.
+# JSON: a missing number is null, with its reason next to it.
 
-# What JSON holds, as it is written; NaN and infinite numbers become null.
+# Content of JSON; NaN and infinite numbers become null.
 Json: TypeAlias = "Mapping[str, Json] | Sequence[Json] | str | int | float | bool | None"
 
 _JsonT = TypeVar("_JsonT", bound=Json)
 
 REASON_SUFFIX = "_reason"
-_NO_NUMBER = "no number follows from these inputs"
-_NO_BOUND = "grows beyond every number with these inputs"
+_NO_NUMBER = "not defined for these inputs"
+_NO_BOUND = "infinite for these inputs"
 
 
 def json_text(content: Json, *, indent: int | None = 2) -> str:
     """Return the content of a JSON file or answer.
 
-    A value that is NaN or infinite becomes null, and ``KEY_reason`` says why, unless the content has a reason of its
-    own; of a list, the reason names the places.
+    NaN and infinite values become null, with ``KEY_reason`` unless the content has its own reason; for a list, the
+    reason has the places.
     """
     return json.dumps(_existing(content), indent=indent, allow_nan=False) + "\n"
 
@@ -161,12 +161,12 @@ def _existing_table(content: Mapping[str, Json]) -> dict[str, Json]:
         reason = _reason(value)
         if reason is not None and content.get(f"{key}{REASON_SUFFIX}") is None:
             told[f"{key}{REASON_SUFFIX}"] = reason
-    # A reason that the content has itself, at its own place, is the better one.
+    # The content's own reason takes precedence.
     return told | {key: value for key, value in content.items() if key.endswith(REASON_SUFFIX) and value is not None}
 
 
 def _reason(value: object) -> str | None:
-    """Return in words why a number, or numbers of a list, are null; None where all of them are there."""
+    """Return the reason why a number, or numbers of a list, are null; None if none is."""
     if isinstance(value, float) and not math.isfinite(value):
         return _NO_NUMBER if math.isnan(value) else _NO_BOUND
     if isinstance(value, list | tuple):
@@ -175,12 +175,12 @@ def _reason(value: object) -> str | None:
     return None
 
 
-# Results that others may read: without folders, serial numbers, ports, site and the name of the machine.
+# Anonymous results: without folders, serial numbers, ports, site and the name of the machine.
 
 LEFT_OUT = "left out"
-# Words of keys whose values say whose rig it is, or where it stands.
+# Words in keys whose values identify the rig or its place.
 _PERSONAL = frozenset({"serial", "site", "latitude", "longitude", "host", "hostname", "port", "address"})
-# A calibration says by them whose it is; whoever reads it takes null as not known.
+# They identify a calibration's devices; null means unknown to readers.
 _MAY_BE_UNKNOWN = frozenset({"camera_serial", "stage_serial"})
 _SHORTEST = 4
 _SESSION_FILE = "session.json"
@@ -189,7 +189,7 @@ _SECRETS: ContextVar[tuple[tuple[str, str], ...] | None] = ContextVar("secrets",
 
 @contextmanager
 def anonymous(paths: Iterable[Path]) -> Iterator[None]:
-    """Leave out of all results, within the context, what the files and folders of a command tell of rig and place."""
+    """Leave out of all results within the context what identifies rig and place."""
     token = _SECRETS.set(tuple(sorted(set(_secrets(tuple(paths))), key=lambda pair: -len(pair[0]))))
     try:
         yield
@@ -198,25 +198,25 @@ def anonymous(paths: Iterable[Path]) -> Iterator[None]:
 
 
 def is_anonymous() -> bool:
-    """Return whether results are to say nothing of rig, place and machine."""
+    """Return whether results are anonymous."""
     return _SECRETS.get() is not None
 
 
 def told(text: str) -> str:
-    """Return a text of a result as others may read it; as it is where nobody asked for that."""
+    """Return a text of a result, anonymous if requested."""
     for secret, instead in _SECRETS.get() or ():
         text = text.replace(secret, instead)
     return text
 
 
 def told_content(content: _JsonT) -> _JsonT:
-    """Return the content of a JSON file as others may read it; as it is where nobody asked for that."""
+    """Return the content of a JSON file, anonymous if requested."""
     found: _JsonT = rewritten(content, text=told, value=_told_value) if is_anonymous() else content
     return found
 
 
 def rewritten(content: Any, *, text: Callable[[str], str], value: Callable[[str, Json], Json]) -> Any:
-    """Return the content of a JSON file with every text, and the value of every key, as two functions return them."""
+    """Return the content of a JSON file with two functions applied to every text and to the value of every key."""
     if isinstance(content, Mapping):
         return {key: rewritten(value(key, one), text=text, value=value) for key, one in content.items()}
     if isinstance(content, list | tuple):
@@ -225,7 +225,7 @@ def rewritten(content: Any, *, text: Callable[[str], str], value: Callable[[str,
 
 
 def is_personal(key: str) -> bool:
-    """Return whether the value of a key says whose rig it is, or where it stands."""
+    """Return whether the value of a key identifies the rig or its place."""
     return not _PERSONAL.isdisjoint(key.lower().split("_"))
 
 
@@ -246,7 +246,7 @@ def _secrets(paths: tuple[Path, ...]) -> Iterator[tuple[str, str]]:
 
 
 def _facts_of(path: Path) -> Json:
-    """Return what a run, a calibration or a rig file says; nothing of another file."""
+    """Return the content of a run, a calibration or a rig file; nothing for other files."""
     file = path / _SESSION_FILE if path.is_dir() else path
     try:
         if file.suffix == ".json":
@@ -280,10 +280,10 @@ EXIT_DATA = 4
 EXIT_DISAGREES = 5
 EXIT_OWN_FAULT = 70
 EXIT_INTERRUPTED = 130
-# As sysexits.h has it: a temporary failure, try again. A session stopped before its end, a run that is unfinished.
+# As in sysexits.h: a temporary failure, for stopped sessions and unfinished runs.
 EXIT_INCOMPLETE = 75
 
-# Which exit code a failure has. The first class that fits decides.
+# Exit code of a failure, by the first class that fits.
 EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
     (ConfigError, EXIT_USAGE),
     (AddressError, EXIT_USAGE),
@@ -292,13 +292,13 @@ EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
     (CalibrationError, EXIT_DATA),
 )
 
-# Of errors of the operating system, those that a disk is to blame for; the others are files that were named wrongly.
+# Errors of the operating system caused by a disk; others are wrong file names.
 _DISK_FAULTS = frozenset({errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG})
 
-# Of a link that leads to itself Python before 3.13 says so in another kind of error.
+# Python before 3.13 has another kind of error for a link to itself.
 _LINK_LOOP = "Symlink loop"
 
-# Modules that the installation for acquisition alone (pyproject.toml, `acquisition`) does without: their packages.
+# Packages of modules missing from the installation for acquisition only (`acquisition` in pyproject.toml).
 _LEFT_OUT = {
     "astropy": "astropy",
     "jinja2": "jinja2",
@@ -307,9 +307,9 @@ _LEFT_OUT = {
     "reportlab": "reportlab",
 }
 
-# By exit code: what failed, and what to do next.
+# By exit code: the failure, and the next step.
 _KINDS: dict[int, tuple[str, str]] = {
-    2: ("usage", "correct what the message names; `rigctl {verb} --help` has the options, the documentation the keys"),
+    2: ("usage", "correct this; `rigctl {verb} --help` has the options, the documentation the keys"),
     3: (
         "device",
         "look at cables, power, addresses; `rigctl devices` lists what answers, `rigctl doctor` checks it",
@@ -317,7 +317,7 @@ _KINDS: dict[int, tuple[str, str]] = {
     4: ("data", "`rigctl verify RUN` lists damaged frames; make other files again with the command that wrote them"),
     5: ("disagrees", "read the report: it names the likely cause"),
     70: ("own_fault", "report it with the log that the message names"),
-    75: ("incomplete", "`rigctl resume RUN` continues; `rigctl status RUN --log` says what happened"),
+    75: ("incomplete", "`rigctl resume RUN` continues; `rigctl status RUN --log` shows what happened"),
     130: ("interrupted", "repeat the command; `rigctl resume RUN` continues a session"),
 }
 # A problem begins with its key or option: "  camera.address: is missing", "--alpha: is 2".
@@ -333,7 +333,7 @@ def failure_of(error: Exception) -> tuple[int, str]:
     if hasattr(error, "format_message") and hasattr(error, "exit_code"):  # the command line library's own
         return int(error.exit_code), str(error.format_message())
     if isinstance(error, MemoryError):
-        return EXIT_DATA, "this needs more memory than there is; nothing was written"
+        return EXIT_DATA, "there is not enough memory; nothing was written"
     if isinstance(error, RuntimeError) and str(error).startswith(_LINK_LOOP):
         return EXIT_USAGE, str(error)
     if isinstance(error, OSError):
@@ -341,27 +341,27 @@ def failure_of(error: Exception) -> tuple[int, str]:
         return code, f"{error.filename or 'a file'}: {error.strerror or error}"
     if isinstance(error, ModuleNotFoundError) and error.name in _LEFT_OUT:
         return EXIT_USAGE, (
-            f"this needs {error.name}, which an installation for acquisition alone leaves out: "
-            f"pip install {' '.join(_LEFT_OUT.values())}"
+            f"this needs {error.name}, which an installation for acquisition only lacks: pip install "
+            f"{' '.join(_LEFT_OUT.values())}"
         )
     text = f"a fault of rigctl itself: {type(error).__name__}: {error}. Traceback in {_log_traceback()}"
     return EXIT_OWN_FAULT, text
 
 
 def failure_json(code: int, message: str, *, verb: str, error: BaseException | None = None) -> str:
-    """Return a failure as JSON, `failure_content` as text; with what the error itself tells programs."""
+    """Return `failure_content` as JSON text, with the error's own content for programs."""
     answer = getattr(error, _ANSWER, {})
     return json.dumps({**answer, **failure_content(code, message, verb=verb)}, indent=2) + "\n"
 
 
 def with_answer(error: Failure, content: Mapping[str, Json]) -> Failure:
-    """Return an error whose JSON has more than the message: what was found before it failed."""
+    """Return an error whose JSON also has the findings before it failed."""
     setattr(error, _ANSWER, dict(content))
     return error
 
 
 def failure_content(code: int, message: str, *, verb: str) -> dict[str, Json]:
-    """Return a failure as JSON holds it, under "error"."""
+    """Return a failure as JSON, under "error"."""
     kind, step = _KINDS.get(code, ("failure", "`rigctl {verb} --help`"))
     return {
         "error": {"code": code, "kind": kind, "message": message, "key": _key(message), "next": step.format(verb=verb)}
@@ -369,7 +369,7 @@ def failure_content(code: int, message: str, *, verb: str) -> dict[str, Json]:
 
 
 def _key(message: str) -> str | None:
-    """Return the first key or option that a message names; None where it names none."""
+    """Return the first key or option in a message; None without one."""
     message = _TRY.sub("", message)
     keys = [found[1] for found in _KEY.finditer(message) if not found[1].endswith((".toml", ".json"))]
     if keys:
@@ -384,15 +384,15 @@ def _log_traceback() -> Path:
     return Path(log.name)
 
 
-# Streams that may go away: a closed pipe, a full disk or a lost terminal ends no work.
+# Streams that may fail: a closed pipe, a full disk or a lost terminal does not end the work.
 
 _KEPT = frozenset("\n\t")
-# What a reader of a pipe or a terminal that is gone looks like; it needs no word.
+# Errors of a closed pipe or terminal, which need no message.
 _GONE = frozenset({errno.EPIPE, errno.EIO})
 
 
 class LastingStream:
-    """A text stream whose first failure is kept, and whose later output goes nowhere."""
+    """A text stream that keeps its first failure and then discards output."""
 
     def __init__(self, stream: IO[str]) -> None:
         self._stream = stream
@@ -415,7 +415,7 @@ class LastingStream:
             self._stream.flush()
 
     def __getattr__(self, name: str) -> Any:
-        """Return what the stream itself has: its encoding, whether it is a terminal."""
+        """Return an attribute of the stream itself, such as its encoding."""
         return getattr(self._stream, name)
 
     @contextmanager
@@ -428,7 +428,7 @@ class LastingStream:
 
 
 def _lead_nowhere(stream: IO[str]) -> None:
-    """Make what is still buffered, and all that follows, go to no file, so that the end of the program is quiet."""
+    """Discard buffered and later output, so that the program ends quietly."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         try:
@@ -443,10 +443,10 @@ def _nowhere() -> IO[str]:
 
 @contextmanager
 def lasting_streams() -> Iterator[None]:
-    """Keep standard output and error alive within; say afterwards where a result could not be written.
+    """Protect standard output and error within the context; report at its end if a result could not be written.
 
-    A pipe that was closed (``rigctl status RUN --log | head -1``) and a terminal that is gone need no word. Exit codes
-    stay those of the work itself.
+    A closed pipe (``rigctl status RUN --log | head -1``) and a lost terminal are not reported. Exit codes stay those of
+    the work itself.
     """
     # A stream that was closed before the program began is None.
     given = tuple(stream or _nowhere() for stream in (sys.stdout, sys.stderr))
@@ -460,13 +460,13 @@ def lasting_streams() -> Iterator[None]:
     finally:
         out.flush()
         if out.failure is not None and out.failure.errno not in _GONE:
-            err.write(f"rigctl: standard output cannot be written: {out.failure.strerror}; the answer is not whole\n")
+            err.write(f"rigctl: standard output cannot be written: {out.failure.strerror}; the answer is incomplete\n")
         err.flush()
         sys.stdout, sys.stderr = given
 
 
 def visible(text: str) -> str:
-    r"""Return a text that a terminal shows and does not obey: control characters as ``\x1b``, lines and tabs kept."""
+    r"""Return a text with control characters shown as ``\x1b``, lines and tabs kept."""
     return text if text.isprintable() else "".join(map(_visible_character, text))
 
 

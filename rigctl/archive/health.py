@@ -1,4 +1,4 @@
-"""Health of a rig over its runs: what moves, what is lost, what was changed when; one dark frame of each is opened."""
+"""Health of a rig over its runs: drifts, losses and changes; one dark frame of each run is opened."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -16,34 +16,34 @@ from rigctl.runs.folder import Run, read_run
 from rigctl.runs.records import TALLY_EVENT, FrameRecord, RunEvent, read_events
 
 _PPM = 1e6
-# Events nearer than this say nothing of a clock that is read to a microsecond and set by NTP in steps of milliseconds.
+# Least time between events to measure a clock that NTP sets in steps of milliseconds.
 _LEAST_CLOCK_S = 10.0
-# A number this many scaled median deviations off the others of its device stands out: a choice.
+# Distance of an outlier from the others of its device, in scaled median deviations (a choice).
 _OFF, _TO_SIGMA, _LEAST_RUNS = 6.0, 1.4826, 4
 _LOST = ("damaged", "too old", "never came")
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunHealth:
-    """Numbers of a run that should stay what they are."""
+    """Numbers of a run that should stay constant."""
 
     run: str  #: Its folder, from the archive's root.
     utc: str  #: Start of its first frame.
     camera: str  #: Serial numbers.
     stage: str
-    stage_error_deg: float | None  #: Rms of where the stage stood beside its targets [deg].
-    stage_tries: float | None  #: Moves that an angle took, the mean.
-    lost_frames: int | None  #: Pictures that the camera counted and the run does not have, as its tally says.
+    stage_error_deg: float | None  #: Rms difference between stage angles and targets [deg].
+    stage_tries: float | None  #: Mean number of moves per angle.
+    lost_frames: int | None  #: Pictures counted by the camera and missing in the run.
     dark_dn: float | None  #: Mean of the first dark frame [DN].
-    gain_dn_per_e: float | None  #: Of the noise calibration that the session was watched with.
+    gain_dn_per_e: float | None  #: Of the noise calibration of the session.
     axis_deg: float | None  #: Offset of the polarizer by the rig file [deg].
-    clock_ppm: float | None  #: By how much the host's clock ran faster than its monotonic one.
+    clock_ppm: float | None  #: Rate of the host's clock less that of its monotonic one.
     temperature_c: float | None  #: Of the camera, the mean [deg C].
 
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """Something that was otherwise in the run before."""
+    """A change since the run before."""
 
     run: str
     utc: str
@@ -54,7 +54,7 @@ class Change:
 
 @dataclass(frozen=True, kw_only=True)
 class OutlyingNumber:
-    """A number that lies far from those of the other runs of its device."""
+    """A number far from those of the other runs of its device."""
 
     run: str
     what: str
@@ -64,7 +64,7 @@ class OutlyingNumber:
 
 @dataclass(frozen=True, kw_only=True)
 class ArchiveHealth:
-    """All runs in the order of time, what changed from one to the next, what stands out, and what cannot be read."""
+    """All runs in order of time, changes between them, outliers, and unreadable runs."""
 
     runs: tuple[RunHealth, ...]
     changes: tuple[Change, ...]
@@ -141,7 +141,7 @@ def _lost(events: Sequence[RunEvent]) -> int | None:
 
 
 def _clock_ppm(events: Sequence[RunEvent]) -> float | None:
-    """Return by how much the host's clock ran faster than its monotonic one, over the longest span of one process."""
+    """Return the rate of the host's clock less that of its monotonic one, over the longest span of one process."""
     timed = [
         (_to_microsecond(one.utc), one.monotonic_ns) for one in events if one.monotonic_ns and is_utc_text(one.utc)
     ]
@@ -156,7 +156,7 @@ def _to_microsecond(utc: str) -> datetime:
 
 
 def _settings(run: Run) -> dict[str, str]:
-    """Return what is set by people, in words: a change of it explains a change of numbers."""
+    """Return the settings made by people, whose changes explain changes of numbers."""
     polarizer, noise = run.session.polarizer, run.session.noise
     return {
         "camera": _serial(run.frames, "camera_serial"),
@@ -190,7 +190,7 @@ def _outlying(runs: Sequence[RunHealth]) -> Iterator[OutlyingNumber]:
 def _far(what: str, rows: Sequence[tuple[RunHealth, float]]) -> Iterator[OutlyingNumber]:
     usual = median(value for _, value in rows)
     spread = _TO_SIGMA * median(abs(value - usual) for _, value in rows)
-    # Numbers that are all but the same spread by their last digits: a thousandth is no news.
+    # Least relative spread, since nearly equal numbers differ only in their last digits.
     limit = max(_OFF * spread, 1e-3 * abs(usual), 0.5 if what == "lost_frames" else 0.0)
     if len(rows) < _LEAST_RUNS:
         return

@@ -1,8 +1,8 @@
-"""The index of an archive: an SQLite file next to the runs that says what each run is and what came of it.
+"""The index of an archive: an SQLite file next to the runs with their properties and results.
 
-A row is a run and, where the run was compared with the model, one of its regions; `COLUMNS` lists what it holds. Run
-folders and `comparison.json` files remain the truth: `update_index` reads those that changed, and an index of an older
-layout is made anew. `find` takes a condition of SQL, which an authorizer of SQLite keeps from doing more than reading.
+A row is a run and, where the run was compared with the model, one of its regions; `COLUMNS` lists what it holds.
+`update_index` reads changed run folders and `comparison.json` files; an index of an older layout is rebuilt. `find`
+takes a condition of SQL, which an authorizer of SQLite limits to reading.
 """
 
 import os
@@ -33,23 +33,21 @@ class IndexColumn(NamedTuple):
     """A column that can be asked for."""
 
     name: str  #: as in conditions, CSV and JSON
-    kind: Kind  #: what it can be compared with
+    kind: Kind  #: type of values to compare with
     level: Level
     meaning: str  #: one line, with the unit
 
 
 COLUMNS = (
     IndexColumn("run", "text", "run", "folder of the run, from the archive's root"),
-    IndexColumn(
-        "state", "text", "run", "whole, unfinished, damaged: session file, manifest and events held against each other"
-    ),
-    IndexColumn("problem", "text", "run", "what is damaged, the first of it"),
+    IndexColumn("state", "text", "run", "whole, unfinished or damaged, by session file, manifest and events"),
+    IndexColumn("problem", "text", "run", "first damage"),
     IndexColumn("name", "text", "run", "name of the session"),
     IndexColumn("origin", "text", "run", "device, simulated, import"),
     IndexColumn("utc", "text", "run", "start of the first frame, ISO 8601; compares as text"),
     IndexColumn("end_utc", "text", "run", "end of the last frame"),
     IndexColumn("frames", "number", "run", "frames in the manifest"),
-    IndexColumn("scenes", "number", "run", "of them frames of the scene"),
+    IndexColumn("scenes", "number", "run", "frames of the scene"),
     IndexColumn("excluded", "number", "run", "frames that people excluded"),
     IndexColumn("notes", "number", "run", "notes of people"),
     IndexColumn("exposure_ms", "number", "run", "longest exposure of the scene [ms]"),
@@ -63,12 +61,10 @@ COLUMNS = (
     IndexColumn("camera", "text", "run", "model and serial number of the camera"),
     IndexColumn("stage", "text", "run", "model and serial number of the stage"),
     IndexColumn("bit_depth", "number", "run", "bits of the camera"),
-    IndexColumn(
-        "noise", "text", "run", "noise calibration that the session was watched with: its gain [DN/e], empty for none"
-    ),
+    IndexColumn("noise", "text", "run", "gain of the session's noise calibration [DN/e], empty for none"),
     IndexColumn("created_by", "text", "run", "program and version that made the run"),
     IndexColumn("schema_version", "number", "run", "layout of the run"),
-    IndexColumn("manifest_sha256", "text", "run", "hash of the manifest, by which results know their run"),
+    IndexColumn("manifest_sha256", "text", "run", "hash of the manifest, which identifies the run in results"),
     IndexColumn(
         "verdict",
         "text",
@@ -76,16 +72,16 @@ COLUMNS = (
         "of the newest comparison: agrees, agrees_with_reservations, disagrees, cannot_be_judged",
     ),
     IndexColumn("flags", "number", "comparison", "reservations of that comparison"),
-    IndexColumn("unsound", "number", "comparison", "checks of that comparison that were not sound"),
+    IndexColumn("unsound", "number", "comparison", "failed checks of that comparison"),
     IndexColumn("scene", "text", "comparison", "hash of its scene file"),
     IndexColumn("report", "text", "comparison", "its folder, from the archive's root"),
     IndexColumn("region", "text", "region", "name of a region of that comparison"),
-    IndexColumn("region_verdict", "text", "region", "verdict on the region alone"),
+    IndexColumn("region_verdict", "text", "region", "verdict on the region"),
     IndexColumn("dolp", "number", "region", "its measured DoLP"),
     IndexColumn("dolp_sigma", "number", "region", "standard error of that"),
     IndexColumn("aolp_deg", "number", "region", "its measured AoLP [deg]"),
     IndexColumn("aolp_sigma_deg", "number", "region", "standard error of that [deg]"),
-    IndexColumn("dolp_predicted", "number", "region", "DoLP that the model predicts"),
+    IndexColumn("dolp_predicted", "number", "region", "DoLP predicted by the model"),
     IndexColumn("dolp_z", "number", "region", "measured less predicted DoLP in its standard errors"),
 )
 BY_NAME = {column.name: column for column in COLUMNS}
@@ -94,7 +90,7 @@ _MS_PER_S = 1000.0
 _ZENITH_DEG = 90.0
 INDEX_FILE = ".rigctl-index.sqlite"
 COMPARISON_FILE = "comparison.json"
-# Raised with every change of columns or of their meaning: an older index is made anew.
+# Raised with every change of columns; an older index is rebuilt.
 _LAYOUT = 1
 _WAIT_S = 30.0
 
@@ -112,7 +108,7 @@ class Indexed:
 
 
 def update_index(root: Path) -> Indexed:
-    """Bring the index of an archive to what its folders hold; one that is not there, or of old, is made."""
+    """Update the index of an archive from its folders; a missing or old one is built."""
     require_folder(root)
     runs, comparisons = found_below(root)
     with _opened(root) as index:
@@ -137,7 +133,7 @@ def update_index(root: Path) -> Indexed:
 
 
 def find(root: Path, expression: str) -> list[dict[str, Fact]]:
-    """Return the rows of an archive that a condition holds of: a run and, where it was compared, one of its regions."""
+    """Return the rows of an archive for which a condition holds: a run and, if it was compared, one of its regions."""
     condition = checked_condition(expression)
     require_folder(root)
     if not (root / INDEX_FILE).is_file():
@@ -152,17 +148,17 @@ def find(root: Path, expression: str) -> list[dict[str, Fact]]:
 
 
 def matching_runs(root: Path, where: str | None) -> list[str]:
-    """Return the runs of which an expression holds, all if there is none; an expression brings the index up to date."""
+    """Return the runs for which an expression holds, or all without one; an expression updates the index."""
     require_folder(root)
     if where is None:
         return sorted(run.relative_to(root).as_posix() for run in found_below(root)[0])
-    checked_condition(where)  # before the index is brought up to date, which takes time
+    checked_condition(where)  # before the slow update of the index
     update_index(root)
     return sorted({str(row["run"]) for row in find(root, where)})
 
 
 def found_below(root: Path) -> tuple[list[Path], list[Path]]:
-    """Return the runs below a folder and the comparisons; nothing is sought within a run."""
+    """Return the runs below a folder and the comparisons, without searching within runs."""
     runs, comparisons = [], []
     for name, folders, files in os.walk(root):
         folder = Path(name)
@@ -177,13 +173,13 @@ def found_below(root: Path) -> tuple[list[Path], list[Path]]:
 
 
 def require_folder(root: Path) -> None:
-    """Raise ConfigError where an archive is no folder."""
+    """Raise ConfigError unless an archive is a folder."""
     if not root.is_dir():
         raise ConfigError(f"{root}: there is no such folder; an archive is a folder with runs below it")
 
 
 def fingerprint(run: Path) -> str:
-    """Return what changes when a run does: size and time of its journals, and of the folder, whose frames they name."""
+    """Return the fingerprint of a run: size and time of its journals and of its folder of frames."""
     facts = []
     for path in (run, *(run / name for name in KEPT_FILES)):
         try:
@@ -195,7 +191,7 @@ def fingerprint(run: Path) -> str:
 
 
 def facts_of(run: Path) -> dict[str, Fact]:
-    """Return a run's columns; of a damaged one, those that can be had, and what is damaged."""
+    """Return a run's columns; for a damaged one, the readable ones and the damage."""
     try:
         contents = read_contents(run)
     except DataError as error:
@@ -260,14 +256,14 @@ def _device(device: Mapping[str, object]) -> str:
     return " ".join(str(device[key]) for key in ("model", "serial_number") if device.get(key))
 
 
-# Verdicts as people say them.
+# Verdicts in words.
 _VERDICTS = {"agree": "agrees", "disagree": "disagrees", "reservations": "agrees_with_reservations"}
 _COMPARED = re.compile(r"""\b(\w+)(\s*(?:<=|>=|<>|!=|==|=|<|>)\s*)('[^']*'|"[^"]*"|[-+]?[\d.]+)""")
 _FUNCTIONS = ("abs", "coalesce", "glob", "ifnull", "length", "like", "lower", "max", "min", "round", "substr", "upper")
 
 
 def checked_condition(expression: str) -> str:
-    """Return a condition of SQL that only reads columns; raise ConfigError where it is not one."""
+    """Return a condition of SQL that only reads columns, or raise ConfigError."""
 
     def compared(match: re.Match[str]) -> str:
         name, sign, value = match.groups()
@@ -329,8 +325,8 @@ def _opened(root: Path) -> Iterator[sqlite3.Connection]:
         finally:
             index.close()
     except sqlite3.DatabaseError as error:
-        what = "is damaged or no index" if not isinstance(error, sqlite3.OperationalError) else "cannot be used"
-        raise DataError(f"{path}: {what}: {error}; it can be removed and made anew: rigctl archive index") from error
+        what = "is damaged or not an index" if not isinstance(error, sqlite3.OperationalError) else "cannot be used"
+        raise DataError(f"{path}: {what}: {error}; remove it and build it again: rigctl archive index") from error
 
 
 def _make(index: sqlite3.Connection, path: Path) -> None:
@@ -367,7 +363,7 @@ def _put(index: sqlite3.Connection, table: str, facts: Mapping[str, Fact]) -> No
 
 
 def _compare(index: sqlite3.Connection, root: Path, files: Sequence[Path]) -> None:
-    """Take every comparison anew, the newest of a run last: they are small, and may have been replaced."""
+    """Read every comparison again, the newest of a run last: they are small, and may have been replaced."""
     index.execute("DELETE FROM comparisons")
     index.execute("DELETE FROM regions")
     for file in sorted(files, key=lambda path: path.stat().st_mtime_ns):
@@ -382,7 +378,7 @@ def _compare(index: sqlite3.Connection, root: Path, files: Sequence[Path]) -> No
 
 
 def _comparison(file: Path) -> tuple[str, dict[str, Fact], list[dict[str, Fact]]] | None:
-    """Return the manifest, columns and regions of a comparison; None where the file is none that can be read."""
+    """Return manifest, columns and regions of a comparison; None if the file cannot be read."""
     try:
         content = from_json(read_bounded(file, MOST_RECORD_BYTES))
         files = content["provenance"]["files"]

@@ -1,4 +1,4 @@
-"""What a job over an archive came to: table, figure against time, page and files; health and found rows too."""
+"""Results of a job over an archive: table, figure against time, page and files; also health and found rows."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from rigctl.console import Json
 
 
-# What fits a terminal; programs get all.
+# Rows on a terminal; programs get all.
 _FOR_PEOPLE = ("run", "utc", "sun_zenith", "state", "verdict", "region", "dolp", "dolp_sigma", "aolp_deg")
 _UTC_MINUTES = 16
-# As much of a reason stands in a terminal.
+# Length of a reason on a terminal.
 _WHY = 60
 _Row = Mapping[str, Fact]
 
@@ -66,17 +66,17 @@ def _text(name: str) -> Callable[[_Row], str]:
     return text
 
 
-# A run of a job over an archive and, where it has any, one of its regions.
+# A run of a job over an archive with one of its regions, if any.
 RowOfRegion = tuple["RunRow", "RegionNumbers | None"]
 
 
 def rows_by_region(rows: Sequence[RunRow]) -> tuple[RowOfRegion, ...]:
-    """Return rows of runs, each as often as it has regions, once where it has none."""
+    """Return rows of runs, one per region, or one without regions."""
     return tuple((row, region) for row in rows for region in (row.regions or (None,)))
 
 
 def archive_table(rows: Sequence[RunRow], verb: Verb) -> Table[RowOfRegion]:
-    """Return what came of each run and region: for programs all, for people what the job is about."""
+    """Return the results of each run and region: all for programs, those of the job for people."""
     numbers: dict[Verb, tuple[str, ...]] = {
         "verify": (),
         "stokes": ("dolp", "dolp_sigma", "aolp_deg", "aolp_sigma_deg"),
@@ -105,7 +105,7 @@ def archive_table(rows: Sequence[RunRow], verb: Verb) -> Table[RowOfRegion]:
 
 
 def in_short(row: RunRow) -> str:
-    """Return the reason of a run without the folders that the run lies in."""
+    """Return the reason of a run without the folders above the run."""
     place = row.reason.find(row.run)
     return row.reason if place < 0 else f"RUN{row.reason[place + len(row.run) :]}"
 
@@ -148,15 +148,15 @@ def _short(value: str | float | None) -> str:
     return "" if value is None else value if isinstance(value, str) else f"{value:.4g}"
 
 
-# More regions no one tells apart; the tables have all.
+# Most regions in a figure; the tables have all.
 _MOST_REGIONS = 7
 _Points = list[tuple[datetime, RegionNumbers]]
-# What is drawn: its label, its value, its error.
+# A drawn quantity: label, value, error.
 _Panel = tuple[str, Callable[[RegionNumbers], float | None], Callable[[RegionNumbers], float | None]]
 
 
 def archive_figure(rows: Sequence[RunRow], verb: Verb) -> bytes | None:
-    """Return the regions' numbers against time; None where no run has a time and a number."""
+    """Return the regions' numbers against time; None if no run has both."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     points: dict[str, _Points] = {}
@@ -218,7 +218,7 @@ _TITLES: dict[Verb, str] = {
     "compare": "compared with the model",
     "stokes": "measured",
     "verify": "verified",
-    "recalibrate": "measured anew with other calibrations",
+    "recalibrate": "measured again with other calibrations",
 }
 _GOOD = {"agrees", "agrees_with_reservations", "sound", "flagged", "whole"}
 
@@ -267,18 +267,21 @@ def _report(rows: Sequence[RunRow], verb: Verb, *, runs: int, alpha: float) -> R
 def _reasons(rows: Sequence[RunRow], verb: Verb, alpha: float) -> Iterable[tuple[str, str]]:
     if verb == "compare":
         judged = sum(row.exit_code in (0, 5) for row in rows)
-        yield "", f"alpha = {alpha:g} is of each run: of {judged} runs {judged * alpha:.2g} disagree by chance."
+        yield "", f"alpha = {alpha:g} applies to each run: of {judged} runs {judged * alpha:.2g} disagree by chance."
     if verb == "recalibrate":
-        yield "", "before: by the run's own angles and dark level, no calibration; after: with those of each row."
+        yield (
+            "",
+            "before: with the run's own angles and dark level, without calibrations; after: with those of each row.",
+        )
 
 
 def _failed(rows: Sequence[RunRow]) -> Iterable[Section]:
-    """Yield why runs have no result, each reason once with how many."""
+    """Yield the reasons of runs without a result, each with their number."""
     failed = Counter(in_short(row) for row in rows if row.exit_code not in (0, 5) and row.reason)
     if failed:
         table = Table(
             columns=text_columns("runs", "why", left=(1,)),
             rows=tuple((str(times), reason) for reason, times in failed.most_common()),
         )
-        note = Paragraph(text="The same reason of several runs stands once, without their folder.")
+        note = Paragraph(text="Equal reasons of several runs are listed once, without their folder.")
         yield Section(title="Unfit", blocks=(table, note))

@@ -1,4 +1,4 @@
-"""A row for each run of an archive that a job has done: kept as it comes, and known again by the hash of its inputs."""
+"""Rows of an archive's job: one per finished run, stored at once, and identified by the hash of its inputs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ Verb = Literal["compare", "stokes", "verify", "recalibrate"]
 
 @dataclass(frozen=True, kw_only=True)
 class RegionNumbers:
-    """Numbers of a region in a run; None is not known, or not of this job."""
+    """Numbers of a region in a run; None if unknown or not part of the job."""
 
-    region: str  #: Its name, and the verdict on it alone.
+    region: str  #: Its name and verdict.
     verdict: str = ""
     dolp: float | None = None  #: Measured DoLP and its standard error.
     dolp_sigma: float | None = None
@@ -41,10 +41,10 @@ class RunRow:
     run: str  #: Its folder, from the archive's root.
     utc: str = ""  #: Start of its first frame, empty where it cannot be read.
     sun_zenith: float | None = None  #: Angle of the sun from the zenith at the middle frame [deg].
-    exit_code: int  #: What the command of a single run ends with.
-    verdict: str  #: In a word; "failed" where there is no result.
-    reason: str = ""  #: Why it failed, or what the verdict rests on.
-    calibrations: str = ""  #: Files that were used, each with the beginning of its hash.
+    exit_code: int  #: Exit code of the command for a single run.
+    verdict: str  #: In a word; "failed" without a result.
+    reason: str = ""  #: Reason of the failure, or reservations of the verdict.
+    calibrations: str = ""  #: Used files, each with the beginning of its hash.
     seconds: float = 0.0  #: Time that it took.
     regions: tuple[RegionNumbers, ...] = ()  #: Its regions.
 
@@ -58,7 +58,7 @@ def write_rows(out: Path, rows: Mapping[str, RunRow]) -> None:
 
 
 def read_rows(out: Path) -> tuple[dict[str, RunRow], tuple[str, ...]]:
-    """Return the rows that are done, by the hash of their inputs, and which files of them could not be read."""
+    """Return the finished rows by the hash of their inputs, and the unreadable files."""
     rows: dict[str, RunRow] = {}
     damaged = []
     for file in sorted((out / PARTS_FOLDER).glob("*.json")):
@@ -67,13 +67,13 @@ def read_rows(out: Path) -> tuple[dict[str, RunRow], tuple[str, ...]]:
         except (ValidationError, DataError, OSError) as error:
             damaged.append(f"{file}: {str(error).partition(chr(10))[0]}")
             continue
-        # A row that a fault of the program ended makes room for one of a later trial.
+        # A row that failed by a fault of the program is computed again.
         rows |= {key: row for key, row in found.items() if key not in rows or row.exit_code != EXIT_OWN_FAULT}
     return rows, tuple(damaged)
 
 
 def inputs_hash(run: Path, settings: str) -> str:
-    """Return what the row of a run is known by: its journals, sizes and times of its frames, and the settings."""
+    """Return the identity of a run's row: its journals, sizes and times of its frames, and the settings."""
     digest = sha256(settings.encode())
     for name in KEPT_FILES:
         try:

@@ -1,6 +1,6 @@
-"""Destinations of results, tried before any work; a file that somebody else made is never replaced.
+"""Destinations of results, checked before any work; files of others are never replaced.
 
-Which command wrote a file, and from what, is noted in the user's own folder; by that a result is known again.
+A list of written results with their commands and inputs is kept in the user's own folder.
 """
 
 import hashlib
@@ -20,11 +20,11 @@ from rigctl.base.durable import MOST_RECORD_BYTES, MOST_TEXT_BYTES, open_plain, 
 from rigctl.errors import ConfigError
 
 _RUN_FILES = ("session.json", "manifest.jsonl")
-# What people say of a run, if anything: which of its frames are left out.
+# Optional notes of people on a run, with its excluded frames.
 _SAID_OF_RUN = "annotations.jsonl"
-# A run of which one of the two is gone is still one.
+# A run with only one of them is still a run.
 _BESIDE_IN_RUN = ("frames", "events.jsonl")
-# Where a format has a place for its writer, the word stands within this much of either end.
+# Distance from either end of a file within which formats name their writer.
 _HEADER_BYTES = 65536
 _TEXT_FORMATS = (".toml", ".csv", ".txt")
 _MARK = b"rigctl"
@@ -33,14 +33,14 @@ _OF_THE_ENGINE = ("workers", "scheduler")
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """Origin of results: a command, and what it read."""
+    """Origin of results: a command, and its inputs."""
 
     command: str  #: The verb.
     digest: str  #: Of its options and of the content of its inputs.
 
 
 def origin_of(command: str, options: Mapping[str, object], inputs: Iterable[Path]) -> Origin:
-    """Return what results come from; where the work is done does not change them."""
+    """Return the origin of results, independent of where the work is done."""
     stated = sorted((key, str(value)) for key, value in options.items() if key not in _OF_THE_ENGINE)
     found = hashlib.sha256(repr(stated).encode())
     for path in inputs:
@@ -48,7 +48,7 @@ def origin_of(command: str, options: Mapping[str, object], inputs: Iterable[Path
             if not file.is_file():  # a pipe or a device has no end
                 continue
             with suppress(OSError), open_plain(file) as content:
-                if file.stat().st_size > MOST_RECORD_BYTES:  # nothing reads it whole, and to hash it takes long
+                if file.stat().st_size > MOST_RECORD_BYTES:  # never read as a whole, and slow to hash
                     found.update(repr(file.stat()).encode())
                     continue
                 found.update(hashlib.file_digest(content, "sha256").digest())
@@ -71,7 +71,7 @@ def remember(file: Path, origin: Origin) -> None:
 
 
 def remembered(file: Path) -> tuple[str, Origin] | None:
-    """Return the hash of a file when it was written, and its origin; None where nothing was noted."""
+    """Return the recorded hash and origin of a file; None without a record."""
     try:
         content = json.loads(read_bounded(_note_of(file), MOST_TEXT_BYTES))
         origin = Origin(command=str(content["command"]), digest=str(content["digest"]))
@@ -81,7 +81,7 @@ def remembered(file: Path) -> tuple[str, Origin] | None:
 
 
 def says_rigctl(file: Path) -> bool:
-    """Return whether the header of a file names this program as its writer."""
+    """Return whether the header of a file has this program as its writer."""
     with open_plain(file) as content:
         head = content.read(_HEADER_BYTES)
         content.seek(max(file.stat().st_size - _HEADER_BYTES, 0))
@@ -93,7 +93,7 @@ def says_rigctl(file: Path) -> bool:
 
 
 def is_run(folder: Path) -> bool:
-    """Return whether a folder is a run, or what was left of one."""
+    """Return whether a folder is a run, or the remains of one."""
     there = [name for name in _RUN_FILES if (folder / name).is_file()]
     return len(there) == len(_RUN_FILES) or (bool(there) and any((folder / name).exists() for name in _BESIDE_IN_RUN))
 
@@ -120,7 +120,7 @@ Kind = Literal["file", "folder", "new", "edited", "run", "absent"]
 class Destination:
     """Place that a command writes to."""
 
-    option: str  #: The option that names it.
+    option: str  #: Its option.
     path: Path  #: As it was given.
     #: One file, files in a folder, a folder that must not hold anything yet, a file that the command is to change, a
     #: run that is made or added to, or what must not be there at all.
@@ -130,7 +130,7 @@ class Destination:
 
 @dataclass(frozen=True, kw_only=True)
 class _Command:
-    """The command that runs: where its results come from, and which files it has written by now."""
+    """The running command: origin of its results, and files written so far."""
 
     origin: Origin
     force: bool
@@ -142,7 +142,7 @@ _RUNNING: ContextVar[_Command | None] = ContextVar("running", default=None)
 
 @contextmanager
 def results_of(origin: Origin, *, force: bool) -> Iterator[None]:
-    """Give a command the right to replace its own results until the context is left; then note which it has written."""
+    """Allow a command to replace its own results within the context; record the written files at its end."""
     running = _Command(origin=origin, force=force)
     token = _RUNNING.set(running)
     try:
@@ -155,9 +155,9 @@ def results_of(origin: Origin, *, force: bool) -> Iterator[None]:
 
 
 def require_replaceable(files: Iterable[Path]) -> None:
-    """Refuse files of a person, and results that are not those of the running command, before any is written.
+    """Refuse to replace files of people and results of other commands, before any file is written.
 
-    Outside of a command, as a program calls, results of rigctl are replaced.
+    Outside of a command, in a program, results of rigctl are replaced.
     """
     running = _RUNNING.get() or _Command(origin=Origin(command="", digest=""), force=True)
     wanted = [file for file in files if file not in running.written]
@@ -168,20 +168,20 @@ def require_replaceable(files: Iterable[Path]) -> None:
 
 
 def require_free(destinations: Iterable[Destination], origin: Origin, *, inputs: Iterable[Path], force: bool) -> None:
-    """Refuse what cannot be written, or would replace what is not this program's to replace; nothing is changed."""
+    """Refuse destinations that cannot be written, or that are files of others; nothing is changed."""
     sources = {source.resolve() for source in inputs}
     problems = []
     seen: set[Path] = set()
     for one in destinations:
         try:
             with suppress(FileNotFoundError):
-                one.path.stat()  # refuses a link that leads to itself, which only some versions of Python do below
+                one.path.stat()  # refuses a link to itself, which only some versions of Python do below
             path = one.path.resolve()
             problem = _problem(one, origin, force=force)
             if path in seen:
-                problem = "another result goes there too"
+                problem = "another result has the same place"
             elif path in sources and one.kind == "file":
-                problem = "is read by this very command: name another file"
+                problem = "is an input of this command: name another file"
             seen.add(path)
         except NotADirectoryError:
             problem = "lies in a folder that is a file"
@@ -202,7 +202,7 @@ def edited_before(destinations: Iterable[Destination]) -> dict[Path, bytes]:
 
 
 def keep_old(before: Mapping[Path, bytes]) -> None:
-    """Keep each file that was edited as it was, under its name with .bak; earlier ones stay."""
+    """Keep the old version of each edited file, under its name with .bak; earlier ones stay."""
     for path, content in before.items():
         try:
             if read_bounded(path, MOST_TEXT_BYTES) != content:
@@ -212,7 +212,7 @@ def keep_old(before: Mapping[Path, bytes]) -> None:
 
 
 def replace_keeping(path: Path, content: bytes) -> None:
-    """Replace a file once what stood there is kept as by `keep_old`."""
+    """Replace a file after its old version is kept as in `keep_old`."""
     if path.exists() and (old := read_bounded(path, MOST_TEXT_BYTES)) != content:
         _keep(path, old)
     write_durably(path, content)
@@ -230,7 +230,7 @@ Snapshot = dict[Path, tuple[int, int, int]]
 
 
 def snapshot(destinations: Iterable[Destination]) -> Snapshot:
-    """Return which files stand at the destinations now."""
+    """Return the present files at the destinations."""
     found: Snapshot = {}
     for one in destinations:
         for file in _present(one):
@@ -241,7 +241,7 @@ def snapshot(destinations: Iterable[Destination]) -> Snapshot:
 
 
 def remember_written(destinations: Iterable[Destination], before: Snapshot, origin: Origin) -> None:
-    """Note in the user's own folder which files were written, and from what: by that they are known again."""
+    """Record written files and their origin in the user's own folder."""
     after = snapshot(destinations)
     for file, state in after.items():
         if before.get(file) != state:
@@ -254,11 +254,11 @@ def _problem(one: Destination, origin: Origin, *, force: bool) -> str | None:
     at = Path(os.path.realpath(path))  # links may lead into a run, dots out of one
     run = next((folder for folder in (at, *at.parents) if is_run(folder)), None)
     if run is not None and (one.kind not in ("new", "run") or run != at):
-        return f"lies in the run {run}, which takes no results: name a place beside it"
+        return f"lies in the run {run}, which does not accept results: name a place next to it"
     if one.kind in ("new", "run"):
         return _not_new(path, is_run=run == at and one.kind == "run") or _untried(path)
     if one.kind == "absent":
-        return "is there already: remove it, or name another" if os.path.lexists(path) else _unplaced(path)
+        return "exists: remove it, or name another" if os.path.lexists(path) else _unplaced(path)
     if one.kind == "folder":
         if path.exists() and not path.is_dir():
             return "is a file; name a folder"
@@ -266,16 +266,16 @@ def _problem(one: Destination, origin: Origin, *, force: bool) -> str | None:
     if path.is_dir():
         return "is a folder; name a file"
     if path.exists() and not path.is_file():
-        return "is no regular file"
+        return "is not a regular file"
     if one.kind == "edited":
         return _unplaced(path) or _unwritable(path)
     return _unplaced(path) or _taken(_present(one), origin, force=force)
 
 
 def _blocked(one: Destination) -> str | None:
-    """Return which result cannot be a file, since a folder has its name."""
+    """Return a result that cannot be a file because a folder has its name."""
     folders = [name for name in one.names if (one.path / name).is_dir()]
-    return f"{folders[0]} in it is a folder, and a result is to have its name" if folders else None
+    return f"{folders[0]} in it is a folder, and a result needs this name" if folders else None
 
 
 def _not_new(path: Path, *, is_run: bool) -> str | None:
@@ -285,22 +285,22 @@ def _not_new(path: Path, *, is_run: bool) -> str | None:
 
 
 def _unplaced(path: Path) -> str | None:
-    """Return why a file cannot be made in its folder, which has to be there."""
+    """Return the reason why a file cannot be made in its folder, which must exist."""
     if not path.absolute().parent.is_dir():
         return f"there is no folder {path.absolute().parent}; its folder does not exist"
     return _untried(path)
 
 
 def _untried(path: Path) -> str | None:
-    """Return why a file of this name cannot be made; folders that are not there yet are not made for the trial."""
+    """Return the reason why a file of this name cannot be made, without creating folders."""
     name = path.name
     with suppress(FileNotFoundError):
-        path.lstat()  # refuses a name that is too long, or a file in the place of a folder
+        path.lstat()  # refuses a long name, or a file in place of a folder
     folder = next(parent for parent in path.absolute().parents if parent.exists())
     if not folder.is_dir():
         return f"{folder} is a file"
     if not name:
-        return "is no name of a file"
+        return "is not a file name"
     try:
         with tempfile.TemporaryFile(dir=folder):
             return None
@@ -327,7 +327,7 @@ def _unwritable(file: Path) -> str | None:
 
 
 def _there(file: Path) -> str:
-    return f"{file.name} is there already, and"
+    return f"{file.name} exists and"
 
 
 def _present(one: Destination) -> list[Path]:
@@ -344,7 +344,7 @@ def _present(one: Destination) -> list[Path]:
 
 
 def _near(path: Path) -> Iterator[tuple[str, list[str], list[str]]]:
-    """Return a folder and the folders in it: no result lies deeper."""
+    """Return a folder and the folders in it, the deepest places of results."""
     for folder, folders, files in os.walk(path):
         yield folder, folders, files
         if Path(folder) != path:

@@ -1,6 +1,6 @@
-"""Files whole or absent: bounded reads of plain files, durable writes, calls to a hung disk that end in time.
+"""Bounded reads of plain files, durable and atomic writes, and calls to a hung disk that end in time.
 
-Files that people or other programs put there are read through `read_bounded` and `open_plain` alone: a test holds that.
+Files of people or other programs are read only through `read_bounded` and `open_plain`, which a test checks.
 """
 
 import errno
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _BYTES_PER_MB = 1_000_000
-# What people write by hand.
+# Files that people write by hand.
 MOST_TEXT_BYTES = 8 * _BYTES_PER_MB
-# What the program writes beside pictures: calibrations, events. A manifest has some 1.5 kB a frame.
+# Files of the program other than pictures: calibrations, events. A manifest has some 1.5 kB per frame.
 MOST_RECORD_BYTES = 512 * _BYTES_PER_MB
-# Samples of one picture, unless --max-frame-mb says more: 134 million pixels of 16 bits.
+# Samples of one picture without --max-frame-mb: 134 million pixels of 16 bits.
 MOST_FRAME_MB = 268
 MOST_FRAME_BYTES = MOST_FRAME_MB * _BYTES_PER_MB
-# Of a run's own frames, which no option is needed for: 20 000 x 20 000 pixels of 16 bits and a header.
+# A run's own frames, without an option: 20 000 x 20 000 pixels of 16 bits and a header.
 MOST_OWN_FRAME_BYTES = 801 * _BYTES_PER_MB
 
 
@@ -40,16 +40,16 @@ def open_plain(path: Path, most_bytes: int | None = None) -> BufferedReader:
     if stat.S_ISDIR(facts.st_mode):
         raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
     if not stat.S_ISREG(facts.st_mode):
-        raise OSError(errno.EINVAL, "is no plain file, but a device, a pipe or a socket", str(path))
+        raise OSError(errno.EINVAL, "is not a plain file but a device, a pipe or a socket", str(path))
     if most_bytes is not None and facts.st_size > most_bytes:
-        raise OSError(errno.EFBIG, f"has {_mb(facts.st_size)} MB, and at most {_mb(most_bytes)} MB are read", str(path))
+        raise OSError(errno.EFBIG, f"has {_mb(facts.st_size)} MB; at most {_mb(most_bytes)} MB are read", str(path))
     return path.open("rb")
 
 
 def read_bounded(path: Path, most_bytes: int) -> bytes:
-    """Return the content of a file, judged before it is read."""
+    """Return the content of a file, checked before it is read."""
     with open_plain(path, most_bytes) as file:
-        # One byte more than it had, to see whether it has grown meanwhile; then one more than allowed.
+        # One byte more than its size, to notice growth; then one more than allowed.
         size = os.fstat(file.fileno()).st_size
         data = file.read(size + 1)
         if len(data) > size:
@@ -60,7 +60,7 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
 
 
 class _Kept(threading.local):
-    """Memory of a thread that is taken again and again."""
+    """Reused memory of a thread."""
 
     buffer = bytearray()
 
@@ -69,10 +69,10 @@ _KEPT = _Kept()
 
 
 def read_for_now(path: Path, most_bytes: int) -> memoryview:
-    """Return the content of a file, judged before it is read, for as long as this thread reads no other this way.
+    """Return the content of a file, checked before it is read, until this thread's next call.
 
-    The memory is taken again by the next call: new memory for each of a thousand pictures takes longer than to read
-    them from the cache of the system, and a memory map, whose pages come one by one, takes longer than this too.
+    The next call reuses the memory: new memory for each of a thousand pictures, or a memory map, takes longer than
+    reading them from the cache of the system.
     """
     with open_plain(path, most_bytes) as file:
         size = os.fstat(file.fileno()).st_size
@@ -91,7 +91,7 @@ def _mb(size: int) -> str:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal: it goes into whatever is made from that file."""
+    """Return the SHA-256 of a file in hexadecimal, for the provenance of results."""
     with open_plain(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -107,7 +107,7 @@ STALLED_S = 30.0
 
 
 class DiskCalls:
-    """Makes calls in a thread of its own, which is left behind with a disk that hangs."""
+    """Makes calls in its own thread, which is abandoned if the disk hangs."""
 
     def __init__(self, *, stalled_s: float | None = None) -> None:
         self.stalled_s = STALLED_S if stalled_s is None else stalled_s
@@ -127,11 +127,11 @@ class DiskCalls:
             raise RunFolderError(self.told()) from error
 
     def give_up(self) -> None:
-        """Wait for nothing any more: somebody else has seen that the disk hangs."""
+        """Stop waiting, since a hanging disk was noticed elsewhere."""
         self.is_hung = True
 
     def end(self, last: Callable[[], object]) -> None:
-        """Make a last call; it is left behind where the disk hangs. May be called twice."""
+        """Make a last call, abandoned if the disk hangs. May be called twice."""
         if self._caller is None:
             last()
             return
@@ -147,13 +147,13 @@ class DiskCalls:
     def told(self) -> str:
         """Return what is said of a disk that hangs."""
         return (
-            f"the disk hangs: it has not come back from writing for {self.stalled_s:g} s. Look at its cable and at "
-            "`dmesg`, then `rigctl resume`"
+            f"the disk hangs: a write has not returned for {self.stalled_s:g} s. Check its cable and `dmesg`, then "
+            "`rigctl resume`"
         )
 
 
 def _nothing() -> None:
-    """Return: the thread ends with nothing left to do."""
+    """Do nothing: the last task of the thread."""
 
 
 PART_SUFFIX = ".part"
@@ -162,9 +162,8 @@ PART_SUFFIX = ".part"
 def write_durably(path: Path, data: bytes) -> None:
     """Return once the data are on the disk under their name.
 
-    Written beside its place as ``NAME.part``, flushed to the disk, renamed, and the folder flushed too. Without
-    the first flush a rename can leave an empty file under a good name; without the second the last file may be
-    missing after a power cut.
+    Written as ``NAME.part``, flushed to the disk, renamed, and the folder flushed. Without the first flush a rename can
+    leave an empty file; without the second the last file may be missing after a power cut.
     """
     part = path.with_name(path.name + PART_SUFFIX)
     try:
@@ -172,7 +171,7 @@ def write_durably(path: Path, data: bytes) -> None:
         part.replace(path)
     except BaseException as error:
         if isinstance(error, OSError) and error.filename is None:
-            error.filename = str(path)  # a full disk says no name
+            error.filename = str(path)  # the error of a full disk has no file name
         part.unlink(missing_ok=True)
         raise
     flush_folder(path.parent)
@@ -198,7 +197,7 @@ _MOST_HEADER_BYTES = 4096
 
 
 def read_arrays(path: Path, *, only: Collection[str] | None = None) -> dict[str, "NDArray[Any]"]:
-    """Return the arrays of an archive (.npz) that others may have made; its headers are judged first."""
+    """Return the arrays of an archive (.npz) that others may have made, after checking its headers."""
     import numpy as np
 
     try:
@@ -211,8 +210,8 @@ def read_arrays(path: Path, *, only: Collection[str] | None = None) -> dict[str,
             return {name: archive[name] for name in archive.files if only is None or name in only}
     except DataError as error:
         raise DataError(f"{path}: {error}") from error
-    except Exception as error:  # whatever zipfile and numpy trip over in an archive that is spoilt
-        raise DataError(f"{path}: is no numpy archive (.npz) that can be read: {error}") from error
+    except Exception as error:  # errors of zipfile and numpy for a damaged archive
+        raise DataError(f"{path}: is not a readable numpy archive (.npz): {error}") from error
 
 
 def _require_size(data: bytes) -> None:

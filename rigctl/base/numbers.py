@@ -1,4 +1,4 @@
-"""Numbers, angles and times as text: allowed range, as many digits as are known, one form of UTC."""
+"""Numbers, angles and times as text: allowed range, known digits, one form of UTC."""
 
 from collections.abc import Iterator, Mapping
 from datetime import UTC, date, datetime, timedelta
@@ -15,7 +15,7 @@ AngleT = TypeVar("AngleT", float, "NDArray[np.float64]")
 
 
 def wrapped(angle: AngleT, *, turn: float) -> AngleT:
-    """Return an angle, such as a difference of two, brought into [-turn / 2, turn / 2)."""
+    """Return an angle modulo a turn in [-turn / 2, turn / 2)."""
     half = turn / 2.0
     return (angle + half) % turn - half
 
@@ -25,26 +25,25 @@ _NO_CORRELATION = 1e-12
 
 
 def covariance_rows(cov: "NDArray[np.float64]") -> list[list[float]]:
-    """Return a covariance as lists, for files; what cancels to rounding is 0."""
+    """Return a covariance as lists for files, with rounding set to 0."""
     std = abs(cov.diagonal()) ** 0.5
     rows: list[list[float]] = (cov * (abs(cov) > _NO_CORRELATION * std[:, None] * std) + 0.0).tolist()  # no -0
     return rows
 
 
-# No quantity of a camera, a stage, a scene or a session is larger in any unit that people write it in; products of a
-# dozen such numbers are finite.
+# Above every quantity of a camera, stage, scene or session in any unit; products of a dozen such numbers are finite.
 LARGEST = 1e12
-# Closer to 0 than this is 0 misspelt: what is divided by it stays finite too.
+# Smaller numbers are misspelt zeros; quotients stay finite.
 SMALLEST = 1e-30
-# Of a time that a file or an option says: the sun is computed well within, and nanoseconds fit into 64 bits.
+# Years of times in files and options: within the range for the sun and for nanoseconds in 64 bits.
 FIRST_YEAR, LAST_YEAR = 1900, 2200
 
 
 def range_problem(value: float) -> str | None:
-    """Return in words what is wrong with a number that no arithmetic may be done with; None for a good one."""
+    """Return the problem of a number outside the range for arithmetic; None for a good one."""
     if isinstance(value, float) and not isfinite(value):
         return f"must be finite, between -{LARGEST:g} and {LARGEST:g}"
-    # Whole numbers of any length can be compared, but not made a float.
+    # Integers of any length can be compared, but not converted to float.
     if abs(value) > LARGEST:
         return f"must lie between -{LARGEST:g} and {LARGEST:g}"
     if 0 < abs(value) < SMALLEST:
@@ -69,7 +68,7 @@ def wild_numbers(content: object, key: str = "") -> Iterator[tuple[str, str]]:
 
 
 def shown(value: object) -> str:
-    """Return a value as a message shows it: whole numbers of a hundred digits and long texts cut."""
+    """Return a value for a message, with very long integers and texts shortened."""
     try:
         text = repr(value)
     except ValueError:  # whole numbers of more than 4300 digits have no text
@@ -80,18 +79,18 @@ def shown(value: object) -> str:
 _SHOWN = 200
 
 
-# Where there is no number.
+# For a missing number.
 NOTHING = "–"
 NO_NUMBER = "does not exist"
 
-# Nothing here is known so well that less than this were different from 0.
+# No number is known well enough to distinguish smaller values from 0.
 _ROUNDING = 1e-12
-# Chances below this rest on how far out a law holds, which nobody knows.
+# Smaller probabilities depend on unknown tails.
 _LEAST_CHANCE = 1e-6
 
 
 def to_digits(value: float, error: float) -> str:
-    """Return a number to two digits of its error, or to four digits where there is none."""
+    """Return a number to two digits of its error, or to four digits without one."""
     if not isfinite(value):
         return NO_NUMBER
     if error == 0.0 or not isfinite(error):
@@ -106,32 +105,32 @@ def signed(score: float | None) -> str:
 
 
 def size(value: float) -> str:
-    """Return an error or a limit by its power of ten; 0 for what is left of rounding."""
+    """Return an error or a limit by its power of ten; 0 for rounding."""
     if not isfinite(value):
         return NOTHING
     return "0" if abs(value) < _ROUNDING else f"{value:.1e}"
 
 
-# Below this a change is not told from rounding in what a solution gives.
+# Smaller changes are rounding of a solution.
 _LEAST_CHANGE = 1e-10
 
 
 def change_text(value: float) -> str:
-    """Return the size of a change: 0, two digits, or "any" where it has no limit."""
+    """Return the size of a change: 0, two digits, or "any" without a limit."""
     if not isfinite(value):
         return "any"
     return "0" if value < _LEAST_CHANGE else f"{value:.2g}"
 
 
 def chance(probability: float) -> str:
-    """Return a probability to two digits; how small one is that is very small means nothing."""
+    """Return a probability to two digits, or an upper limit if it is very small."""
     if not isfinite(probability):
         return NO_NUMBER
     return f"{probability:.2g}" if probability >= _LEAST_CHANCE else "< 1e-6"
 
 
 def p_value(probability: float) -> str:
-    """Return a probability behind its name, as in "p = 0.03"."""
+    """Return a probability after its name, as in "p = 0.03"."""
     found = chance(probability)
     return f"p {found}" if found.startswith("<") else f"p = {found}"
 
@@ -168,12 +167,12 @@ def unix_ns(time: datetime) -> int:
 
 def utc_moment(text: str) -> datetime:
     """Return the time that a UTC text says, to the second."""
-    # Nanoseconds are more than the standard library reads.
+    # The standard library cannot read nanoseconds.
     return datetime.fromisoformat(text[:19] + "+00:00")
 
 
 def is_utc_text(text: str) -> bool:
-    """Return whether a text says a time; header keywords of others hold all kinds of things."""
+    """Return whether a text is a time, since header keywords of others vary."""
     try:
         utc_moment(text)
     except ValueError:
@@ -188,7 +187,7 @@ def time_option(name: str, text: str | None) -> int | None:
     try:
         moment = datetime.fromisoformat(text)
     except ValueError as error:
-        raise ConfigError(f"{name}: {text!r} is no time; write it like 2026-05-04T10:00Z") from error
+        raise ConfigError(f"{name}: {text!r} is not a time; write it like 2026-05-04T10:00Z") from error
     if moment.tzinfo is None:
         raise ConfigError(f"{name}: {text!r} has no zone; write {text}Z for UTC, or {text}+02:00")
     if not FIRST_YEAR <= moment.year <= LAST_YEAR:

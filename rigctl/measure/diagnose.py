@@ -1,4 +1,4 @@
-"""Faults that a run shows of itself, by the redundancy of its angles; and the run corrected for them.
+"""Faults of a run from the redundancy of its angles, and the run corrected for them.
 
 Four angles or more over-determine the Stokes parameters. `diagnose_run` tells faults apart that leave a residual:
 throughput, dark level, shift, response and others (`model.processing.diagnosis`). `measure_run` measures a run with its
@@ -44,19 +44,19 @@ from rigctl.runs.records import PolarizerAsTaken, RigAsTaken
 
 FloatArray = NDArray[np.float64]
 
-# Smaller pictures hold no blocks.
+# Least size of a picture with blocks.
 _LEAST_SIDE_PIXELS = 8
-# Half turns are looked at frame by frame as long as there are no more frames than this.
+# Most frames for which half turns are treated frame by frame.
 _MOST_FRAMES = 16
-# A first look takes squares of larger pictures as one pixel, and reads no more counts than this.
+# Pixels above which a first look averages squares, and most counts that it reads.
 QUICK_PIXELS, _MOST_COUNTS = 350_000, 60_000_000
-# Shifts leave the mean of an even region as it is; its slopes give the change.
+# Shifts change the mean of a region by its slopes.
 _OF_EDGES = ("shift", "wobble", "planes of a mosaic")
 _OF_PAIRS = "throughput of pairs"
-# Change of the DoLP of a whole picture, which has no error, that four decimals do not show.
+# Change of DoLP that four decimals do not show, for a whole picture without an error.
 _UNSEEN_SHIFT = 5e-5
 _DEG_PER_RAD = float(np.degrees(1.0))
-# Angles that are nearer than this are the same.
+# Distance below which angles are equal.
 _SAME_RAD = float(np.radians(1.0))
 
 
@@ -64,8 +64,8 @@ _SAME_RAD = float(np.radians(1.0))
 class RunDiagnosis:
     """Faults that a run shows."""
 
-    terms: tuple[FaultTerm, ...]  #: the named ones first, the strongest at the front
-    reason: str  #: why nothing is testable; empty otherwise
+    terms: tuple[FaultTerm, ...]  #: the named ones first, in order of strength
+    reason: str  #: reason if nothing is testable
     angles_deg: tuple[float, ...]  #: of the frames
     found: Diagnosis  #: in the units of the model
     dolp_errors: Mapping[str, float] = field(default_factory=dict)  #: standard error of each region's DoLP
@@ -103,7 +103,7 @@ class RunDiagnosis:
 
 
 def diagnose_run(measurement: Measurement, *, most_pixels: int | None = None) -> RunDiagnosis:
-    """Return the faults that the redundancy of a run's angles shows."""
+    """Return the faults of a run from the redundancy of its angles."""
     plan, pictures, angles_rad, times = _frames(measurement)
     usable = ~(measurement.saturated | measurement.missing)
     means, slopes = dict(_means(measurement, pictures, usable)), dict(_slopes(measurement, pictures, usable))
@@ -139,14 +139,12 @@ def diagnose_pictures(
     """Return the faults that pictures show."""
     angles_deg = tuple(float(angle) for angle in np.degrees(angles_rad).round(6) % 360.0)
     if min(usable.shape) < _LEAST_SIDE_PIXELS:
-        return replace(
-            undiagnosed("the pictures are too small to hold a dozen tiles of 12 pixels"), angles_deg=angles_deg
-        )
+        return replace(undiagnosed("the pictures are too small for a dozen tiles of 12 pixels"), angles_deg=angles_deg)
     try:
         found = diagnose(plan, pictures, usable, angles_rad=angles_rad, times=times, step=step)
     except (ValueError, ArithmeticError) as error:
-        # Frames that no camera takes; they are measured all the same.
-        return replace(undiagnosed(f"these frames give no joint fit: {error}"), angles_deg=angles_deg)
+        # Frames that no camera takes; they are measured anyway.
+        return replace(undiagnosed(f"the joint fit of these frames failed: {error}"), angles_deg=angles_deg)
     found = replace(found, terms=_as_half_turns_show(found.terms, pictures, usable, angles_rad))
     terms = tuple(_term(term, found, plan, angles_deg, means, slopes or {}, side_pixels) for term in found.terms)
     return RunDiagnosis(
@@ -157,7 +155,7 @@ def diagnose_pictures(
     )
 
 
-# Shifts get the size that half turns show where they differ by more than this share and three of its errors.
+# Relative difference, and three errors, beyond which shifts from half turns replace fitted ones.
 _AS_SHOWN = 0.2
 
 
@@ -166,8 +164,8 @@ def _as_half_turns_show(
 ) -> tuple[Term, ...]:
     """Return terms whose shifts have the size that half turns show directly.
 
-    Frames half a turn apart show the same light, so that their distance needs no fit. Where rounding and noise make
-    edges of their own, the fit finds shifts that are too large.
+    Frames half a turn apart show the same light, so their shift needs no fit. Edges from rounding and noise make fitted
+    shifts too large.
     """
     frames = len(pictures)
     pairs = [
@@ -210,7 +208,7 @@ def _as_half_turns_show(
 
 
 def _told_coarsely(terms: tuple[FaultTerm, ...]) -> tuple[FaultTerm, ...]:
-    """Return terms of coarse pictures: edges off by part of a pixel blur what tells one throughput from a pair's."""
+    """Return terms of coarse pictures, in which subpixel shifts of edges hide differences between throughputs."""
     if all(term.name != _OF_PAIRS for term in terms):
         return terms
     return tuple(
@@ -222,12 +220,12 @@ def _told_coarsely(terms: tuple[FaultTerm, ...]) -> tuple[FaultTerm, ...]:
 
 
 def quick_diagnosis(run: Run, *, most_pixels: int = QUICK_PIXELS) -> RunDiagnosis:
-    """Return the faults that a run shows at a first look, or the reason why it cannot be read."""
+    """Return the faults of a run at a first look, or the reason why it cannot be read."""
     scenes = [record for record in run.frames if record.kind == "scene"]
     if not scenes:
         return undiagnosed("there are no scene frames")
     if sum(record.width * record.height for record in scenes) > _MOST_COUNTS:
-        return undiagnosed("so many frames of this size are not read for a first look; rigctl stokes does")
+        return undiagnosed("too many frames of this size for a first look; use rigctl stokes")
     try:
         return diagnose_run(measure(run, regions=[]), most_pixels=most_pixels)
     except (DataError, ConfigError, ValueError, ArithmeticError) as error:
@@ -241,7 +239,7 @@ def undiagnosed(reason: str) -> RunDiagnosis:
 
 
 def _frames(measurement: Measurement) -> tuple[Design, FloatArray, FloatArray, list[float]]:
-    """Return design, pictures, angles over the whole turn and times; half turns one by one, other repeats as means."""
+    """Return design, pictures, angles over the whole turn and times; half turns separate, other repeats averaged."""
     grid = measurement.grid
     whole = np.array([[record.polarizer_angle_deg or 0.0 for record in cycle] for cycle in grid.records])
     sequence = [[float(record.sequence) for record in cycle] for cycle in grid.records]
@@ -258,7 +256,7 @@ def _frames(measurement: Measurement) -> tuple[Design, FloatArray, FloatArray, l
 def _means(
     measurement: Measurement, pictures: FloatArray, usable: NDArray[np.bool_]
 ) -> Iterable[tuple[str, FloatArray]]:
-    """Give the mean behind each frame, of every region, or of the whole picture where there are none."""
+    """Yield the mean of each frame, for every region, or for the whole picture without regions."""
     repeats = len(pictures) // measurement.grid.angles
     for name, region in measurement.regions.items():
         yield name, np.tile(region.channels_mean.mean, repeats)
@@ -269,7 +267,7 @@ def _means(
 def _slopes(
     measurement: Measurement, pictures: FloatArray, usable: NDArray[np.bool_]
 ) -> Iterable[tuple[str, FloatArray]]:
-    """Give the mean slopes behind each frame, x and y, of every region, or of the picture where there are none."""
+    """Yield the mean slopes of each frame, x and y, for every region, or for the picture without regions."""
     inside = {name: region.inside for name, region in measurement.regions.items()}
     if not inside and usable.any():
         inside = {"picture": usable}
@@ -325,12 +323,12 @@ def _largest(shifts: Iterable[float | None]) -> float | None:
     return max((shift for shift in shifts if shift is not None), key=abs, default=None)
 
 
-# Faults that are smaller change nothing that is seen.
+# Least faults that are corrected.
 _NOTHING = 1e-12
 
 
 def found_faults(grid: FrameGrid, diagnosis: RunDiagnosis, names: Sequence[str]) -> FoundCorrections:
-    """Return the corrections that a diagnosis asks for."""
+    """Return the corrections for a diagnosis."""
     sizes, errors = _sizes(grid, diagnosis)
     throughput, dark = sizes[0], sizes[2]
     moved = sizes[3:5].T - sizes[3:5].T[0]
@@ -377,12 +375,12 @@ def _shifts(grid: FrameGrid, moved: FloatArray) -> FrameShifts:
 def _remarks(names: Sequence[str], taken: dict[str, bool], sizes: FloatArray, moved: FloatArray) -> Iterable[str]:
     said = {
         "throughput": f"frames were divided by {_numbers(1.0 + sizes[0], '.4f')}",
-        "dark-level": f"{_numbers(sizes[2], '+.3g')} were taken off beside the dark level",
-        "shift": f"frames were moved back by {_numbers(np.linalg.norm(moved, axis=1), '.2f')} pixel",
+        "dark-level": f"{_numbers(sizes[2], '+.3g')} were subtracted in addition to the dark level",
+        "shift": f"frames were shifted back by {_numbers(np.linalg.norm(moved, axis=1), '.2f')} pixel",
     }
     for name in names:
         done = said[name] if taken[name] else "there was nothing to correct"
-        yield f"corrected by what the run shows, {name}: {done}"
+        yield f"corrected for faults of the run, {name}: {done}"
 
 
 def _numbers(values: FloatArray, digits: str) -> str:
@@ -390,8 +388,8 @@ def _numbers(values: FloatArray, digits: str) -> str:
 
 
 _MOVED = (
-    "frames were moved to lie on one another, bilinearly: the prediction of temporal noise follows that; texture and "
-    "fixed pattern of single pixels are smoothed too, and their prediction is not"
+    "frames were shifted by bilinear interpolation: the prediction of temporal noise accounts for this, that of "
+    "texture and fixed pattern of single pixels does not"
 )
 
 
@@ -448,7 +446,7 @@ def _correction_remarks(measurement: Measurement, regions: list[Region]) -> tupl
     )
 
 
-# Less drift than this share of the light from cycle to cycle is not worth a word.
+# Least drift per cycle that is reported, as a share of the light.
 _SMALL_DRIFT = 1e-3
 
 
@@ -457,12 +455,12 @@ def _of_repeats(measurement: Measurement) -> Iterable[str]:
     for name, region in measurement.regions.items():
         if region.hit and measurement.grid.cycles > 1:
             yield (
-                f"{name}: {region.hit} of {region.hit + region.pixels} pixels were hit in single frames, as by cosmic "
-                "rays or pixels that jump; they are left out"
+                f"{name}: {region.hit} of {region.hit + region.pixels} pixels were hit in single frames, by cosmic "
+                "rays or jumping pixels; they are left out"
             )
         drift = region.repeatability.drift
         if abs(drift) > _SMALL_DRIFT:
-            yield f"{name}: the light drifts by {drift:+.2%} a cycle; that is divided out"
+            yield f"{name}: the light drifts by {drift:+.2%} per cycle; this is divided out"
 
 
 def _of_throughput(throughput: Throughput) -> str:
@@ -474,25 +472,26 @@ def _of_throughput(throughput: Throughput) -> str:
 
 
 def _registered(measurement: Measurement, *, force: bool) -> tuple[str, ...]:
-    """Return the effect of a given registration on the edges of a run in words; it has to make them better."""
+    """Return the effect of a given registration on the edges of a run in words; it must improve them."""
     if measurement.shifts is None:
         return ()
     text, is_better = moved_edges(measurement.run, measurement.grid, measurement.shifts)
     if not (is_better or force):
         raise DataError(
-            f"--register: not a plain shift of this run: {text}; not applied (--force-registration applies it)"
+            f"--register: it does not improve the edges of this run: {text}; not applied (--force-registration applies "
+            "it)"
         )
     return (text,) if text else ()
 
 
 def _helpful(measurement: Measurement, found: FoundCorrections, *, force: bool) -> FoundCorrections:
-    """Return corrections without shifts that make edges no better, unless they are forced."""
+    """Return corrections without shifts that do not improve edges, unless forced."""
     if found.shifts is None:
         return found
     text, is_better = moved_edges(measurement.run, measurement.grid, found.shifts)
     if is_better or force:
         return replace(found, remarks=(*found.remarks, text))
-    said = f"shift: not applied, it is not a plain one: {text} (--force-registration applies it)"
+    said = f"shift: not applied, because it does not improve edges: {text} (--force-registration applies it)"
     return replace(found, shifts=None, remarks=(*(text for text in found.remarks if ", shift:" not in text), said))
 
 
@@ -501,8 +500,8 @@ MEASURED_WITH: tuple[CalibrationKind, ...] = ("noise", "polarizer", "flat", "reg
 
 
 def recalibrated(run: Run, paths: CalibrationPaths) -> tuple[Run, PickedCalibrations]:
-    """Return a run with the axis of its polarizer calibration, if there is one, and all calibrations for it."""
-    # What the rig file stated of the axis is what may be wrong: no calibration is refused for it.
+    """Return a run with the axis of its polarizer calibration, if any, and all its calibrations."""
+    # The axis in the rig file may be wrong, so no calibration is refused for it.
     open_axis = _with_polarizer(run, replace(run.session.polarizer, sense=None, offset_deg=None))
     picked = picked_for_run(paths, open_axis, MEASURED_WITH)
     named = picked.paths.files.get("polarizer")
@@ -510,14 +509,14 @@ def recalibrated(run: Run, paths: CalibrationPaths) -> tuple[Run, PickedCalibrat
 
 
 def with_axis(run: Run, polarizer: PolarizerParameters) -> Run:
-    """Return a run whose polarizer angles are those of its stage angles by a calibration."""
+    """Return a run with polarizer angles from its stage angles by a calibration."""
     frames = []
     for record in run.frames:
         if record.stage_angle_deg is not None:
             angle = polarizer.sense * record.stage_angle_deg + polarizer.offset_deg.value
             frames.append(replace(record, polarizer_angle_deg=angle))
         elif record.kind == "scene":
-            raise DataError(f"{run.path}: {record.file} does not say where the stage stood: its axis stays as it was")
+            raise DataError(f"{run.path}: {record.file} has no stage angle: its axis stays unchanged")
         else:
             frames.append(record)
     known = run.session.polarizer

@@ -1,14 +1,11 @@
-"""Faults that a run shows of itself, as records and in words."""
+"""Faults found in a run, as records and in words."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-# A power law's size is that of its exponent less one.
+# The size of a power law is its exponent less one.
 _EXPONENT = "exponent - 1"
-UNSEEN = (
-    "a dark level, a gain or a turn that all frames have in common is light that could have been: nothing in a run of "
-    "equal exposures shows it"
-)
+UNSEEN = "a dark level, gain or turn common to all frames acts like light and does not show in a run of equal exposures"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,14 +13,14 @@ class Fault:
     """One fault of a run, in the units of a report."""
 
     name: str  #: such as "throughput"
-    angle_deg: float | None  #: of the frame; None where it is of several
-    value: float | None  #: its size; None where it is not testable
+    angle_deg: float | None  #: of the frame; None for several
+    value: float | None  #: its size; None if not testable
     std_error: float | None
     unit: str  #: "share", "deg", "DN", "pixel", ...
     testable: bool  #: whether the run determines it
-    reason: str  #: why it is not testable
+    reason: str  #: reason if it is not testable
     confused_with: tuple[str, ...]  #: faults with the same effect on this run
-    dolp_shift: float | None  #: change of the polarization of the region (or picture) that it moves most
+    dolp_shift: float | None  #: largest change of the polarization of a region (or picture)
     aolp_shift_deg: float | None
 
     @property
@@ -36,20 +33,20 @@ class Fault:
 class FaultTerm(Fault):
     """A fault of a whole run, with its effect region by region."""
 
-    named: bool  #: whether it is one of the causes that explain the run best
+    named: bool  #: True for the causes that explain the run best
     by_region: dict[str, tuple[float | None, float | None]]  #: region to change of DoLP and of AoLP [deg]
 
 
 def fault_lines(named: Sequence[Fault], reason: str, *, harmless: int = 0) -> list[str]:
-    """Return the faults that a run shows, line by line, or the reason why it shows none.
+    """Return the faults of a run, line by line, or the reason why none can be found.
 
-    `harmless` is the number of faults that are left out, as they move DoLP by less than its error.
+    `harmless` is the number of omitted faults that move DoLP by less than its error.
     """
     if named:
         return [f"the run shows {term_text(term)}" for term in named]
     if reason:
-        return [f"what the run says of its own faults: not testable, {reason}"]
-    return [f"the run shows no fault of its own{' that moves DoLP by more than its error' if harmless else ''}"]
+        return [f"faults of the run: not testable, {reason}"]
+    return [f"no fault of the run was found{' that moves DoLP by more than its error' if harmless else ''}"]
 
 
 def term_text(term: Fault) -> str:
@@ -60,7 +57,7 @@ def term_text(term: Fault) -> str:
     moves = "" if term.dolp_shift is None else f"; moves DoLP by {_plain(term.dolp_shift, '.4f')}"
     if moves and term.aolp_shift_deg is not None:
         moves += f", AoLP by {_plain(term.aolp_shift_deg, '.2f')} deg"
-    others = f"; not to be told from {_listed(term.confused_with)}" if term.confused_with else ""
+    others = f"; cannot be distinguished from {_listed(term.confused_with)}" if term.confused_with else ""
     return size + moves + others
 
 
@@ -74,7 +71,7 @@ def _listed(titles: Sequence[str]) -> str:
 
 
 def _plain(value: float, digits: str) -> str:
-    """Return a number with its sign; without one where its digits are all 0."""
+    """Return a number with its sign, without one if its digits are all 0."""
     text = format(value, "+" + digits)
     return text if float(text) else format(0.0, digits)
 

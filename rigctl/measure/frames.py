@@ -1,4 +1,4 @@
-"""Frames of a run by cycle and angle, and what is done to each before anything is measured.
+"""Frames of a run by cycle and angle, and their corrections.
 
 `arrange` finds which frame is which; `RunCalibrations` are what they are processed with; `find_dark_level` says what is
 taken off. `Corrections` are, in this order: the throughput of the polarizer at an angle, flat fields, and a
@@ -251,11 +251,11 @@ class DarkLevel:
 
     level_dn: FloatArray  #: [DN].
     std_error_dn: float  #: Standard error of it, common to all angles [DN].
-    source: str  #: Where it comes from, in words for a report.
+    source: str  #: Its source, in words.
 
 
 def find_dark_level(run: Run, grid: FrameGrid, noise: NoiseParameters | None) -> DarkLevel:
-    """Return the dark level by the best source there is.
+    """Return the dark level from the best source.
 
     In this order: dark frames of the run at the exposure of its scene frames; the black level that the frames
     state; black level and dark current of a noise calibration.
@@ -267,13 +267,13 @@ def find_dark_level(run: Run, grid: FrameGrid, noise: NoiseParameters | None) ->
     known = [level for level in stated if level is not None]
     if len(known) == len(stated):
         return DarkLevel(
-            level_dn=np.array(known), std_error_dn=0.0, source="the black level that the frames state, taken as exact"
+            level_dn=np.array(known), std_error_dn=0.0, source="the black level stated by the frames, taken as exact"
         )
     if noise is not None:
         return _from_calibration(grid, noise)
     raise DataError(
-        f"{run.path}: nothing says how many counts there are without light: add dark frames of the same exposure "
-        "(rigctl import --kind dark), a black level (--black-level-dn), or a calibration (--noise)"
+        f"{run.path}: the counts without light are not known: add dark frames of the same exposure (rigctl import "
+        "--kind dark), a black level (--black-level-dn), or a calibration (--noise)"
     )
 
 
@@ -318,13 +318,13 @@ def _from_calibration(grid: FrameGrid, noise: NoiseParameters) -> DarkLevel:
     known = dark_current is not None and grid.exposures_s is not None
     if dark_current is not None and grid.exposures_s is not None:
         level += noise.gain_dn_per_e.value * dark_current.value * grid.exposures_s
-    what = "black level and dark current" if known else "black level (the dark current is not known and stays in)"
+    what = "black level and dark current" if known else "black level (the dark current is not known and not subtracted)"
     return DarkLevel(level_dn=level, std_error_dn=black.std_error, source=f"the noise calibration: {what}")
 
 
-# A pixel that answers with less than this share of the others says nothing of the scene.
+# Least response of a usable pixel, relative to the others.
 _DEAD = 0.1
-# A region this far from the mean of the flat field has another noise than is predicted.
+# Deviation of a region from the mean of the flat field at which its noise differs from the prediction.
 _UNLIKE = 0.05
 
 
@@ -333,8 +333,8 @@ class FlatDivision:
     """The flat field of each channel."""
 
     response: FloatArray  #: What frames are divided by, mean 1; 1 where a pixel is dead.
-    dead: NDArray[np.bool_]  #: Pixels that hardly answer to light.
-    variance_factor: FloatArray  #: What the division makes of the variance of noise, mean over the pixels.
+    dead: NDArray[np.bool_]  #: Pixels that hardly respond to light.
+    variance_factor: FloatArray  #: Factor on the variance of noise, mean over the pixels.
     error: FloatArray  #: Standard deviation over the pixels of the flat field's own error, relative.
 
     def divided(self, signal: FloatArray, channel: int) -> FloatArray:
@@ -343,7 +343,7 @@ class FlatDivision:
 
 
 def flat_division(grid: FrameGrid, flats: FlatFields) -> FlatDivision:
-    """Return what the frames of a run are to be divided by."""
+    """Return the flat fields for the frames of a run."""
     places = [flats.place(angle_deg) for angle_deg in np.degrees(grid.polarizer_angles_rad)]
     response, errors = flats.response[places], flats.std_error[places]
     dead = np.any(response < _DEAD, axis=0)
@@ -358,7 +358,7 @@ def flat_division(grid: FrameGrid, flats: FlatFields) -> FlatDivision:
 
 
 def flat_remarks(flat: FlatDivision, regions: list[Region]) -> Iterable[str]:
-    """Return what dividing by flat fields does to the prediction of each region, where it is worth a word."""
+    """Return notable effects of the division by flat fields on the prediction of each region."""
     for name, inside in masks(regions, width=flat.dead.shape[1], height=flat.dead.shape[0]).items():
         response = float(flat.response[:, inside].mean())
         if abs(response - 1.0) > _UNLIKE:
@@ -370,7 +370,7 @@ def flat_remarks(flat: FlatDivision, regions: list[Region]) -> Iterable[str]:
     yield f"frames were divided by flat fields, whose own error adds a pattern of up to {worst:.2%} to single pixels"
 
 
-# A frame this near to a calibrated stage angle has its throughput.
+# Largest distance of a frame from a calibrated stage angle for using its throughput.
 _NEAR_DEG = 1.0
 
 
@@ -415,7 +415,7 @@ def _nearest(channels: Sequence[Channel], record: FrameRecord) -> Channel:
 
 BoolArray = NDArray[np.bool_]
 
-# Smaller shifts are none; edges of which more is left than this are mostly noise, and tell nothing [share].
+# Least shift; and residual of edges above which they are mostly noise [share].
 _SHIFTED_PIXELS, _MOSTLY_NOISE = 0.05, 0.5
 
 
@@ -433,14 +433,14 @@ class FrameShifts:
         return moved_back(signal, self.shifts_pixels[record.sequence])[0]
 
     def touched(self, record: FrameRecord, bad: BoolArray) -> BoolArray:
-        """Return which pixels of the frame moved back have any part of a bad one."""
+        """Return the pixels of the shifted frame with any part of a bad one."""
         if not bad.any():
             return bad
         parts, _ = moved_back(bad.astype(np.float64), self.shifts_pixels[record.sequence])
         return np.asarray(parts > 0.0)
 
     def beyond(self, shape: tuple[int, int]) -> BoolArray:
-        """Return which pixels of a picture lie in the margin."""
+        """Return the pixels in the margin of a picture."""
         outside = np.ones(shape, dtype=np.bool_)
         inner = slice(self.margin_pixels, -self.margin_pixels or None)
         outside[inner, inner] = False
@@ -448,7 +448,7 @@ class FrameShifts:
 
 
 def frame_shifts(run: Run, grid: FrameGrid, registration: ImageRegistration) -> FrameShifts:
-    """Return how the frames of a run are to be moved, by a registration."""
+    """Return the shifts of the frames of a run from a registration."""
     first = angle_deg(run, grid.records[0][0])
     shifts = {
         record.sequence: registration.shift_pixels(angle_deg(run, record), against_deg=first)
@@ -465,9 +465,9 @@ def frame_shifts(run: Run, grid: FrameGrid, registration: ImageRegistration) -> 
 
 
 def moved_edges(run: Run, grid: FrameGrid, shifts: FrameShifts) -> tuple[str, bool]:
-    """Return what moving the frames of the first cycle does to their edges, and whether it is no harm.
+    """Return the effect of shifting the frames of the first cycle on their edges, and whether it is acceptable.
 
-    The text goes angle by angle, and is empty where nothing was moved; edges that tell nothing are no harm.
+    The text has one part per angle and is empty without shifts; edges that are mostly noise are acceptable.
     """
     records = grid.records[0]
     moves = np.array([shifts.shifts_pixels[record.sequence] for record in records])
@@ -480,12 +480,12 @@ def moved_edges(run: Run, grid: FrameGrid, shifts: FrameShifts) -> tuple[str, bo
         return "no pixel is usable in all frames", True
     left = edges_left(pictures, moves, usable)
     text = "; ".join(
-        f"at {records[index].polarizer_angle_deg or 0.0:g} deg {before:.2%} before, {after:.2%} moved back"
+        f"at {records[index].polarizer_angle_deg or 0.0:g} deg {before:.2%} before, {after:.2%} after"
         for index, (before, after) in zip(off.tolist(), left[off].tolist(), strict=True)
     )
     before, after = left[off].sum(axis=0)
     is_better = bool(after < before or left[off, 0].min() > _MOSTLY_NOISE)
-    return f"left of edges that do not lie on one another {text}", is_better
+    return f"mismatch of edges {text}", is_better
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -509,16 +509,16 @@ class Corrections:
         return signal if self.shifts is None else self.shifts.signal(record, signal)
 
     def touched(self, bad: BoolArray, record: FrameRecord) -> BoolArray:
-        """Return which pixels of the corrected frame have any part of a bad one."""
+        """Return the pixels of the corrected frame with any part of a bad one."""
         return bad if self.shifts is None else self.shifts.touched(record, bad)
 
     def missing(self, record: FrameRecord, shape: tuple[int, int]) -> BoolArray:
-        """Return which pixels of the corrected frame show nothing of the scene."""
+        """Return the pixels of the corrected frame without information on the scene."""
         dead = np.zeros(shape, dtype=np.bool_) if self.flat is None else self.touched(self.flat.dead, record)
         return dead if self.shifts is None else dead | self.shifts.beyond(shape)
 
     def noise_factor(self, channels: int) -> FloatArray:
-        """Return what all of it makes of the variance of temporal noise, by channel.
+        """Return the factor on the variance of temporal noise, by channel.
 
         That of light whose mean after the division is known: a frame that got less of it had less noise too, so that
         the throughput enters once and not squared. Read noise is enlarged by another factor of it, some per cent.
@@ -542,14 +542,14 @@ class Corrections:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FoundCorrections:
-    """What a run's own diagnosis has frames corrected by; None is not corrected."""
+    """Corrections of frames by a run's own diagnosis; None for none."""
 
     throughput: Throughput | None  #: Frames are divided by it.
-    dark: FloatArray | None  #: Taken off the frames of each angle beside the dark level [unit of the measurement].
+    dark: FloatArray | None  #: Subtracted in addition to the dark level, by angle [unit of the measurement].
     shifts: FrameShifts | None  #: Frames are moved back by them.
-    dark_error: FloatArray  #: Standard error of the level taken off [unit of the measurement].
+    dark_error: FloatArray  #: Standard error of the subtracted level [unit of the measurement].
     shift_error: FloatArray  #: Standard error of the shifts, x and y [pixel].
-    remarks: tuple[str, ...]  #: What was done, or that there was nothing to do, in words.
+    remarks: tuple[str, ...]  #: The corrections in words.
 
     def level_error(self, channels: FloatArray, inside: BoolArray) -> FloatArray:
         """Return the standard error that dark levels and shifts add to a region's mean, each angle by itself, (N,)."""
@@ -576,10 +576,10 @@ NOTHING = Corrections()
 
 
 class CorrectedFrames:
-    """Reads frames one by one; keeps their sum by angle, mean by cycle, and which pixels were ever unusable."""
+    """Reads frames one by one; accumulates their sum by angle, mean by cycle, and unusable pixels."""
 
     def __init__(self, run: Run, grid: FrameGrid, dark_level: DarkLevel, corrections: Corrections) -> None:
-        """Take the run, which frame is which, and what is done to each; nothing is read yet."""
+        """Set run, grid and corrections; nothing is read yet."""
         shape = (grid.height, grid.width)
         self._run, self.interpolation = run, run.session.interpolation
         self.is_mosaic = run.session.cell_deg is not None
@@ -597,7 +597,7 @@ class CorrectedFrames:
         return self.grid.is_whole and done.flat is None and done.shifts is None and done.interpolated == 1.0
 
     def anew(self) -> "CorrectedFrames":
-        """Return a reader of the same frames that has seen none."""
+        """Return a new reader of the same frames."""
         return CorrectedFrames(self._run, self.grid, self.dark_level, self.corrections)
 
     def pixels(self, inside: Mapping[str, NDArray[np.bool_]]) -> dict[str, FloatArray]:
@@ -656,7 +656,7 @@ def corrected_frames(
         dark_level = replace(
             dark_level,
             level_dn=dark_level.level_dn + found.dark / grid.to_unit,
-            source=f"{dark_level.source}; and what the run itself shows of single angles",
+            source=f"{dark_level.source}; and corrections of single angles from the run itself",
         )
     corrections = Corrections(
         throughput=_together(throughput, None if found is None else found.throughput),

@@ -1,13 +1,13 @@
-"""From the frames of a run to pictures of its Stokes parameters and numbers of its regions.
+"""Pictures of Stokes parameters and numbers of regions from the frames of a run.
 
 `measure` reads every frame once, subtracts the dark level, applies corrections, and averages over the cycles. Numbers
 of a region come from its pixels: means with their covariance, deviations over the pixels and over the cycles, DoLP and
 AoLP. Their errors include noise, texture that neighbours share, the dark level, corrections, and differences from cycle
 to cycle.
 
-Pixels that something else than light has hit in single frames are left out. Where counts are cut off at 0, or noise
-does not reach over a count, means are those of the signal behind the counts (`model.counts`). Light that drifts is
-divided out. A number that is no larger than the rounding of its terms is 0.
+Pixels hit by particles in single frames are left out. If counts are clipped at 0, or noise is below a count, means are
+those of the signal behind the counts (`model.counts`). Drift of the light is divided out. A number no larger than the
+rounding of its terms is 0.
 """
 
 from __future__ import annotations
@@ -79,10 +79,10 @@ class MeasuredRegion:
     pixels: int  #: used
     excluded: int  #: left out as saturated or missing
     edge: int  #: left out along the border
-    hit: int = 0  #: left out since something else than light has hit them in single frames
+    hit: int = 0  #: left out as hit by particles in single frames
     #: Largest shares of the counts of an angle that are 0, and saturated.
     at_ends: tuple[float, float] = (0.0, 0.0)
-    #: Whether means are by the law of counts: where counts are cut off, or noise does not reach over a count.
+    #: True if means follow from the law of counts, because counts are clipped or noise is below a count.
     is_by_law: bool = False
     #: Number of independent pixels that S0 is worth; errors of deviations use it.
     independent_pixels: float
@@ -104,7 +104,7 @@ class Measurement:
     """A run as it was measured."""
 
     run: Run
-    grid: FrameGrid  #: which frame is which angle of which cycle
+    grid: FrameGrid  #: frames by cycle and angle
     plan: Design  #: measured polarizer angles and the inverse in use
     extinction_ratio: float  #: of the polarizer, as recorded; infinite (an ideal polarizer) without a record
     dark_level: DarkLevel  #: subtracted from the counts, with its source
@@ -198,7 +198,7 @@ def _plan(run: Run, grid: FrameGrid, extinction_ratio: float) -> Design:
     distinct = np.unique(grid.target_angles_deg)
     if len(distinct) < _LEAST_ANGLES:
         raise DataError(
-            f"{run.path}: its frames stand at {len(distinct)} angles that differ modulo 180 deg "
+            f"{run.path}: its frames have {len(distinct)} angles that differ modulo 180 deg "
             f"({', '.join(f'{angle:g}' for angle in distinct)} deg); Stokes parameters need three"
         )
     try:
@@ -207,7 +207,7 @@ def _plan(run: Run, grid: FrameGrid, extinction_ratio: float) -> Design:
         raise DataError(f"{run.path}: its polarizer angles do not give Stokes parameters: {error}") from error
 
 
-# Pixels of regions over all frames are held up to this size; where they are more, frames are read twice.
+# Largest size of the pixels of regions over all frames in memory; above it frames are read twice.
 MOST_HELD_BYTES = 256_000_000
 
 _FLOAT_BYTES = 8
@@ -218,9 +218,9 @@ _Repeats = Callable[[str, NDArray[np.bool_]], FloatArray | RepeatedPixels]
 
 
 def _repeats(inside: Masks, frames: CorrectedFrames, plan: Design) -> _Repeats:
-    """Read every frame once, and return what gives the pixels of a region; where they are too many, read them again.
+    """Read every frame once, and return a reader of a region's pixels, which reads frames again if they are too many.
 
-    Only when all frames were read is it known which pixels are usable in all of them.
+    The pixels usable in all frames are known only after reading all of them.
     """
     held_bytes = sum(map(np.count_nonzero, inside.values())) * frames.grid.cycles * frames.grid.angles * _FLOAT_BYTES
     if held_bytes <= MOST_HELD_BYTES:
@@ -248,7 +248,7 @@ def _measured_regions(
     plan: Design,
     found: FoundCorrections | None,
 ) -> tuple[dict[str, MeasuredRegion], dict[str, str]]:
-    """Return the numbers of each region, and why others have none."""
+    """Return the numbers of each region, and reasons for regions without numbers."""
     measured: dict[str, MeasuredRegion] = {}
     unmeasured: dict[str, str] = {}
     for name, mask in inside.items():
@@ -278,7 +278,7 @@ def _measured_region(
     if isinstance(given, np.ndarray):
         whole = mask & ~frames.missing
         used = _cleaned(name, np.asarray(repeats(name, whole)), whole, frames) if _is_cut_off(frames, whole) else None
-        # Pixels that are saturated for another reason than noise are left out, and not estimated.
+        # Pixels saturated for another reason than noise are left out, not estimated.
         if used is None or used[2] is None:
             used = _cleaned(name, given, own, frames)
         values, own, signal, rounding, at_ends, hits = used
@@ -312,7 +312,7 @@ def _measured_region(
 
 
 def _is_cut_off(frames: CorrectedFrames, inside: NDArray[np.bool_]) -> bool:
-    """Return whether so many pixels are saturated that the mean of the others is moved."""
+    """Return whether enough pixels are saturated to bias the mean of the others."""
     share = float(np.mean(frames.saturated[inside])) if inside.any() else 0.0
     return frames.are_counts and _CLIPPED < share < _MOSTLY_CLIPPED
 
@@ -334,9 +334,9 @@ def _cleaned(name: str, pixels: FloatArray, inside: NDArray[np.bool_], frames: C
 
 
 def _hits(pixels: FloatArray, inside: NDArray[np.bool_], *, is_mosaic: bool) -> Hits | None:
-    """Return the pixels of a region that something else than light has hit, by repeats or, without, by neighbours.
+    """Return the pixels of a region hit by particles, from repeats or, without them, from neighbours.
 
-    In a mosaic of polarizers each angle has pixels of its own, so that an edge may look like a hit of one angle.
+    In a mosaic of polarizers each angle has its own pixels, so an edge may look like a hit of one angle.
     """
     if len(pixels) > 1:
         return find_hits(pixels)
@@ -356,7 +356,7 @@ def _hits(pixels: FloatArray, inside: NDArray[np.bool_], *, is_mosaic: bool) -> 
 _CLIPPED, _MOSTLY_CLIPPED = 1e-3, 0.5
 
 # Misfits from which on the law does not describe the counts: where rounding moves a mean, and where counts are cut off.
-# There the law of few electrons, which is not quite normal, does no harm.
+# There the slightly non-normal law of few electrons is harmless.
 _MISFIT_ROUNDED, _MISFIT_CLIPPED = 1e-3, 0.03
 
 
@@ -404,7 +404,7 @@ def _signal_by_law(
     return None, rounding / to_counts, ends
 
 
-# Fewer pixels than this give no fourth moment worth the name.
+# Least pixels for a fourth moment.
 LEAST_PIXELS = 16
 
 
@@ -453,7 +453,7 @@ def measure_region(
     if hits is not None:
         quantities = _without_small_hits(quantities, hits, channel_names, plan.inverse, pixels.cycles)
     if at_ends[0] > _CLIPPED or (at_ends[1] > _CLIPPED and signal is not None):
-        # What was cut off is missing from every deviation, and from the DoLP of every pixel.
+        # Clipping also affects every deviation, and the DoLP of every pixel.
         means = ((quantity, found["mean"]) for quantity, found in quantities.items() if "pixels" not in quantity)
         quantities = {quantity: {"mean": one} for quantity, one in means if quantity != "dolp_snr"}
     return MeasuredRegion(
@@ -472,7 +472,7 @@ def measure_region(
         stokes_pixels_mean=np.asarray(plan.inverse @ pixels.mean),
         inside=inside,
         repeatability=pixels.repeatability,
-        # Whole cells where neighbours share samples: their pixels are not alike.
+        # Whole cells if neighbours share samples, since their pixels differ.
         first_half=np.sum(np.array(np.nonzero(inside)) // (1 if interpolation == "none" else 2), axis=0) % 2 == 0,
         quantities=quantities,
     )
@@ -534,7 +534,7 @@ def _of_vectors(
     stokes_mean = propagate_linear(channels_mean, plan.inverse)
     freedom_of = partial(pixels.repeatability.freedom, moments=channels_mean)
     counts = np.abs(channels_mean.mean)
-    # A Stokes parameter is a sum of counts, which rounding leaves no smaller than this.
+    # Rounding of a Stokes parameter, a sum of counts.
     rounding = _ROUNDING * (np.abs(plan.inverse) @ counts)
     stokes_mean = replace(stokes_mean, mean=np.where(np.abs(stokes_mean.mean) > rounding, stokes_mean.mean, 0.0))
     found = _linear(
@@ -567,7 +567,7 @@ def _linear(
     inflation: float,
     of_noise: float,
 ) -> MeasuredQuantities:
-    """Return mean and deviations of channels or Stokes parameters; what is no larger than its rounding is 0.
+    """Return mean and deviations of channels or Stokes parameters; numbers no larger than their rounding are 0.
 
     `pixels` are those of the first cycle, the mean of all, and their temporal noise. `inflation` is of errors of what
     varies over the pixels, `of_noise` of what varies with time.
@@ -600,7 +600,7 @@ def _without_rounding(sample: Sample, rounding: float = _ROUNDING) -> Sample:
     )
 
 
-# Standard deviation of an angle that may be any.
+# Standard deviation of a uniform angle.
 _ANY_ANGLE_DEG = 180.0 / np.sqrt(12.0)
 
 
@@ -679,7 +679,7 @@ class PolarizationImages:
     dolp: Float32Array  #: NaN where it has no meaning: no light, saturated or missing.
     aolp_deg: Float32Array  #: Counter-clockwise from horizontal, in [0, 180); NaN where there is no light.
     unusable: NDArray[np.bool_]  #: Saturated or missing in any frame.
-    #: How well the angle is known, from how S1 and S2 scatter between neighbours: noise and fine texture.
+    #: Error of the angle, from the scatter of S1 and S2 between neighbours: noise and fine texture.
     aolp_error_deg: Float32Array
     #: Twice the largest residual of the fit over the mean of the angles: at 0, 45, 90, 135 deg what orthogonal pairs
     #: differ by. None with three angles; NaN where there is no light.
@@ -715,7 +715,7 @@ def _scatter_squares(image: Float32Array) -> Float32Array:
     """Return the local variance of a pixel about the line through its neighbours."""
     bent = np.zeros_like(image)
     bent[:, 1:-1] = np.square(image[:, 2:] - 2.0 * image[:, 1:-1] + image[:, :-2]) / 6.0
-    # Running sums go below 0 by rounding.
+    # Running sums may be below 0 by rounding.
     return np.maximum(cv2.blur(bent, _NEIGHBOURHOOD, borderType=cv2.BORDER_REPLICATE), 0.0)
 
 
@@ -724,7 +724,7 @@ def _residual(plan: Design, channels: FloatArray, dark: NDArray[np.bool_]) -> Fl
         return None
     left = np.tensordot(plan.null_basis @ plan.null_basis.T, channels, axes=1)
     largest = np.take_along_axis(left, np.argmax(np.abs(left), axis=0)[None], axis=0)[0]
-    # At equal sizes the sign is that of the first angle, so that a picture has one.
+    # For equal sizes the sign of the first angle, so that a picture has a single one.
     if plan.redundancy == 1:
         largest = left[0] / max(float(np.abs(plan.null_basis[0, 0])), 1e-12) * float(np.abs(plan.null_basis).max())
     mean = channels.mean(axis=0)
@@ -769,7 +769,7 @@ def temporal_variance(measurement: Measurement, region: MeasuredRegion, values: 
     """Return the temporal variance of each channel of a region at its measured signal, shape (N,) [grid.unit^2]."""
     grid = measurement.grid
     if grid.exposures_s is None:
-        raise DataError(f"{measurement.run.path}: its exposure is not known: the noise cannot be predicted")
+        raise DataError(f"{measurement.run.path}: its exposure is not known, so the noise cannot be predicted")
     gain, read_noise, dark_current = values.tolist()
     noise = SensorNoise(
         gain_dn_per_e=gain, read_noise_e=read_noise, dark_current_e_per_s=dark_current, black_level_dn=0.0

@@ -160,7 +160,7 @@ def _title_lines(sky: SkyMap) -> tuple[str, ...]:
 
 
 def sky_json(sky: SkyMap) -> dict[str, Json]:
-    """Return a sky as JSON holds it."""
+    """Return a sky as JSON."""
     degree, zenith_deg, azimuth_deg = sky.largest_dolp
     return {
         "schema_version": SCHEMA_VERSION,
@@ -204,7 +204,7 @@ def _place(one: SkyOfKind) -> str:
 
 
 def kinds_json(found: tuple[SkyOfKind, ...]) -> dict[str, Json]:
-    """Return the kinds as JSON holds them."""
+    """Return the kinds as JSON."""
     return {
         "schema_version": SCHEMA_VERSION,
         "scene": found[0].sky.name,

@@ -119,7 +119,7 @@ class _Writer:
         self._alive: list[object] = []
 
     def tree(self, value: object) -> Any:
-        """Return a value as JSON holds it."""
+        """Return a value as JSON."""
         if isinstance(value, Enum):
             return self.tree(value.value)
         if isinstance(value, np.generic):

@@ -95,7 +95,7 @@ def test_no_index_no_folder_and_a_spoilt_index_are_told(archive):
         update_index(archive / "nowhere")
     update_index(archive)
     (archive / INDEX_FILE).write_bytes(b"no database at all, but long enough to be read as the head of one" * 20)
-    with pytest.raises(DataError, match="can be removed and made anew"):
+    with pytest.raises(DataError, match="remove it and build it again"):
         update_index(archive)
 
 

@@ -139,8 +139,8 @@ _RARE = [("session.toml/x", "folder"), ("n" * 300, "File name too long"), ("loop
 _RARE_FILES = [
     ("none/x.json", "does not exist"),
     ("link-to-mine", "not written by rigctl"),
-    ("fifo", "no regular file"),
-    ("/dev/full", "no regular file"),
+    ("fifo", "not a regular file"),
+    ("/dev/full", "not a regular file"),
     ("broken-run/x", "takes no results"),
 ]
 
@@ -156,12 +156,12 @@ _RARE_FILES = [
         ),
         *_rows(_NEW, [*_UNPLACEABLE, ("session.toml", "is not a folder"), (".", "is not empty")]),
         *_rows({"acquire-rare": _NEW["acquire"]}, _RARE),
-        *_rows(_ABSENT, [*_UNPLACEABLE, ("session.toml", "is there already"), ("none/x", "does not exist")]),
+        *_rows(_ABSENT, [*_UNPLACEABLE, ("session.toml", "exists"), ("none/x", "does not exist")]),
         *_rows(
             _RUN,
             [*_UNPLACEABLE, ("session.toml", "is not a folder"), (".", "is not empty"), ("fifo", "is not a folder")],
         ),
-        *_rows(_EDITED, [(".", "is a folder"), ("none.toml", "none.toml"), ("fifo", "no regular file")]),
+        *_rows(_EDITED, [(".", "is a folder"), ("none.toml", "none.toml"), ("fifo", "not a regular file")]),
     ],
 )
 def test_a_place_that_does_not_do_is_refused_before_any_work(words, out, said, refusing, monkeypatch, capsys):
@@ -236,7 +236,7 @@ def test_a_file_of_a_person_in_the_folder_is_not_replaced_even_by_force(desk, ca
 
 def test_a_result_that_no_table_names_is_not_replaced_either(tmp_path):
     (tmp_path / "new.json").write_text("[]")
-    with pytest.raises(ConfigError, match=r"new\.json is there already, and was not written by rigctl"):
+    with pytest.raises(ConfigError, match=r"new\.json exists and was not written by rigctl"):
         write_folder(tmp_path, {"other.json": b"{}", "new.json": b"{}"})
     assert sorted(file.name for file in tmp_path.iterdir()) == ["new.json"]
 
@@ -254,4 +254,4 @@ def test_a_way_out_of_a_run_is_no_place_within_it(desk):
 
 def test_two_results_in_one_file_are_refused(desk, capsys):
     assert cli.main(["calibrate", "noise", "--run", "run", "--out", "x", "--plot", "x"]) == 2
-    assert "another result goes there too" in capsys.readouterr().err
+    assert "another result has the same place" in capsys.readouterr().err

@@ -210,7 +210,7 @@ def test_a_turned_picture_is_no_plain_shift_and_moves_nothing_unless_forced(
     walk.write_text(json.dumps(content))
     moved = ["stokes", str(tmp_path / "run"), "--register", str(walk), "--out", str(tmp_path / "out")]
     assert main(moved) == EXIT_DATA
-    assert "not a plain shift of this run" in capsys.readouterr().err
+    assert "does not improve the edges of this run" in capsys.readouterr().err
     assert main([*moved, "--force-registration"]) == 0
     assert "moved back" in capsys.readouterr().err
 

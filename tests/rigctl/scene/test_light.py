@@ -404,7 +404,7 @@ def test_a_table_becomes_light(tmp_path):
 def test_a_file_that_is_no_archive_is_refused(tmp_path):
     path = tmp_path / "sky.npz"
     path.write_text("zenith azimuth radiance")
-    with pytest.raises(ConfigError, match="no numpy archive"):
+    with pytest.raises(ConfigError, match="not a readable numpy archive"):
         read_sky_table(path, sun_zenith_rad=np.radians(50.0))
 
 
