@@ -1,7 +1,7 @@
-"""Work items done, kept and resumed: on workers of this machine, or of a scheduler that somebody else runs (dask).
+"""Work items computed, stored and resumed, on workers of this machine or of another dask scheduler.
 
-`mapped` does the items that are left and keeps each result as it comes; Ctrl-C stops, and the same command goes on. A
-folder of results is held by one command at a time.
+`mapped` does the remaining items and stores each result at once; after Ctrl-C the same command continues. Only one
+command at a time may use a folder of results.
 """
 
 import fcntl
@@ -25,12 +25,12 @@ from rigctl.version import VERSION
 
 TaskT = TypeVar("TaskT")
 ResultT = TypeVar("ResultT")
-#: Whether all items were tried, or somebody stopped the work.
+#: True if all items were tried, False if the work was stopped.
 Outcome = Literal["whole", "stopped"]
 
 _NEEDED = "needs dask.distributed, xarray, zarr and pyarrow: pip install 'rigctl[cluster]'"
 _TOLD_DIGITS = 12
-# A worker that is killed is started anew and its task given to another; so often before the task is to blame.
+# Restarts of killed workers after which their task counts as the cause.
 _LOST_WORKERS = 10
 # Of workers of this machine. One thread of linear algebra each, as they are as many as cores. dask has them give freed
 # memory back at once, which costs arrays of some 100 kB a page fault every time, look at the stack every 10 ms, and
@@ -42,16 +42,16 @@ _OF_WORKERS = {
     "distributed.admin.tick.interval": "500ms",
     "distributed.admin.system-monitor.interval": "5s",
 }
-# Tasks that wait at each worker: its next is there when one is done, and few are lost with the client.
+# Tasks queued at each worker, so that it never waits and few are lost with the client.
 _WAITING = 2
 _CONNECT_S = 15
-# So long a scheduler may have no workers yet, as when a cluster's queue gives them; so often they are counted.
+# Longest time without workers, for a cluster's queue, and interval of counting them.
 _FIRST_WORKER_S, _ASKED_EVERY_S = 60, 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Engine:
-    """Where tasks are done: the address of a scheduler, or so many processes here."""
+    """Address of a scheduler, or a number of processes on this machine."""
 
     scheduler: str | None
     workers: int
@@ -59,7 +59,7 @@ class Engine:
 
 @cache
 def code_version(packages: tuple[str, ...]) -> str:
-    """Return the program's version with a hash of the code of packages and modules, from which results follow."""
+    """Return the program's version with a hash of the packages and modules that determine results."""
     digest = hashlib.sha256()
     for package in packages:
         spec = find_spec(package)
@@ -74,7 +74,7 @@ def code_version(packages: tuple[str, ...]) -> str:
 
 @contextmanager
 def client_of(engine: Engine, *, command: str, packages: tuple[str, ...]) -> Iterator[Any]:
-    """Hold a client of dask; workers of this machine end with it."""
+    """Provide a client of dask within the context; workers of this machine end with it."""
     try:
         import dask
         from distributed import Client, LocalCluster
@@ -93,14 +93,14 @@ def client_of(engine: Engine, *, command: str, packages: tuple[str, ...]) -> Ite
         try:
             client = Client(engine.scheduler, timeout=_CONNECT_S)
         except (OSError, ValueError) as error:
-            raise ConfigError(f"--scheduler {engine.scheduler}: no scheduler of dask answers there: {error}") from error
+            raise ConfigError(f"--scheduler {engine.scheduler}: no dask scheduler answers there: {error}") from error
         with client:
             require_same_code(client, packages)
             yield client
 
 
 def _local_cluster(kind: Any, workers: int) -> Any:
-    """Return workers of this machine; nothing listens beyond it."""
+    """Return workers of this machine, which listen locally only."""
     try:
         return kind(
             n_workers=workers,
@@ -148,7 +148,7 @@ def mapped(
     total: int,
     tell: Callable[[int, int], None],
 ) -> Outcome:
-    """Do the items that are left of a map, and keep each result as it comes; Ctrl-C stops, with what was kept.
+    """Do the remaining items of a map, and store each result at once; Ctrl-C stops.
 
     `tasks` takes how many tasks run at once and gives the items that are left, some in each task; `size` counts those
     of a task. `done` of `total` items were done before; `tell` takes both as they come. `work`, `keep`, `parts` and
@@ -179,7 +179,7 @@ def mapped(
 
 @contextmanager
 def count_shown(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar on a terminal; what is yielded takes how many items are done, and how many there are."""
+    """Show a bar on a terminal; the yielded function takes the numbers of finished and of all items."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("left"))
@@ -197,7 +197,7 @@ def compute_all(
     parts: Callable[[TaskT], Sequence[TaskT]],
     lost: Callable[[TaskT, str], ResultT],
 ) -> None:
-    """Do tasks, and keep the result of each as it comes; which comes first is not said."""
+    """Do tasks, and store each result at once, in any order."""
     from distributed import KilledWorker, as_completed
     from distributed.client import FutureCancelledError
 
@@ -225,14 +225,14 @@ def compute_all(
                 for one in smaller:
                     give(one)
                 continue
-            result = lost(task, f"every worker that had it ended (no memory?): {error}")
+            result = lost(task, f"every worker with this task ended, perhaps for lack of memory: {error}")
         except (StopIteration, FutureCancelledError, OSError) as error:
             raise DataError(_gone(len(under_way) + 1)) from error
         keep(task, result)
 
 
 class _Slots:
-    """How many tasks run at once; workers come and go, on a cluster for minutes after the first."""
+    """Number of tasks at once; workers come and go, on a cluster for minutes after the first."""
 
     def __init__(self, client: Any) -> None:
         self._client = client
@@ -241,7 +241,7 @@ class _Slots:
     def count(self) -> int:
         """Return how many, as of a few seconds ago."""
         if time.monotonic() > self._asked_s + _ASKED_EVERY_S:
-            # A scheduler that is gone is told by the next result that does not come.
+            # The next missing result shows a lost scheduler.
             with suppress(OSError):
                 self._count = slots_of(self._client)
             self._asked_s = time.monotonic()
@@ -249,13 +249,13 @@ class _Slots:
 
 
 def slots_of(client: Any) -> int:
-    """Return how many tasks the workers of a client run at once, 1 at least."""
+    """Return the number of tasks that a client's workers run at once, at least 1."""
     threads: int = sum(client.nthreads().values())
     return max(1, threads)
 
 
 def _gone(tasks: int) -> str:
-    return f"the scheduler is gone with {tasks} tasks under way; what was done is kept: give the command again"
+    return f"the scheduler was lost with {tasks} running tasks; finished ones are stored: repeat the command"
 
 
 PARTS_FOLDER = "parts"
@@ -264,9 +264,9 @@ _LOCK_FILE = ".lock"
 
 @contextmanager
 def held_folder(out: Path) -> Iterator[None]:
-    """Hold a folder of results, which is made where it is not there: no other command writes into it meanwhile.
+    """Lock a folder of results, created if needed, against other commands.
 
-    Where the work is refused before it begins (no dask, no scheduler), what was made for it goes again.
+    If the work cannot begin (no dask, no scheduler), a new folder is removed again.
     """
     made = [path for path in (out / _LOCK_FILE, out / PARTS_FOLDER, out, *out.parents) if not path.exists()]
     (out / PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
@@ -278,7 +278,7 @@ def held_folder(out: Path) -> Iterator[None]:
             raise DataError(f"{out}: another command computes into this folder now; name another --out") from error
         yield
     except ConfigError:
-        with suppress(OSError):  # a folder that holds something stays
+        with suppress(OSError):  # a folder with content stays
             for path in made:
                 path.unlink() if path.name == _LOCK_FILE else path.rmdir()
         raise

@@ -1,6 +1,6 @@
 """Regions found again by ArUco markers on the panels, after the camera has moved.
 
-Each region moves by the affine map that fits the corners of its markers; `edge_px` grows by what that leaves uncertain.
+Each region moves by the affine map that fits the corners of its markers; `edge_px` grows by its uncertainty.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from rigctl.runs.folder import Run
 
 FloatArray = NDArray[np.float64]
 
-# Shares of the pixels that may be darker than black and lighter than white.
+# Shares of pixels below black and above white.
 _DARKEST, _LIGHTEST = 0.1, 99.9
 
 
@@ -53,9 +53,9 @@ def stretched(picture: NDArray[np.float64] | NDArray[np.uint16]) -> NDArray[np.u
     return np.asarray(255.0 * np.clip((picture - low) / (high - low), 0.0, 1.0)).astype(np.uint8)
 
 
-# Corners of printed markers are found to some tenths of a pixel; more is perspective, or a panel that was moved.
+# Largest residual: printed markers give some tenths of a pixel, perspective or a moved panel more.
 MOST_RESIDUAL_PX = 1.0
-# So many standard errors of a moved outline are left out along its border.
+# Standard errors of a moved outline that are left out along its border.
 _SAFE_DEVIATIONS = 2.0
 
 
@@ -63,36 +63,36 @@ _SAFE_DEVIATIONS = 2.0
 class FollowedRegion:
     """A region where it is now."""
 
-    region: Region  #: Its outline in the new picture; `edge_px` has grown by what the outline is uncertain.
-    shift_px: float  #: How far its centre went, and the largest standard error of a corner [pixel].
+    region: Region  #: Its outline in the new picture; `edge_px` has grown by the uncertainty of the outline.
+    shift_px: float  #: Distance moved by its centre, and largest standard error of a corner [pixel].
     std_error_px: float
     markers: tuple[int, ...]  #: Which ones led it.
 
 
 def follow_markers(drawn: RegionsFile, now: list[Marker]) -> list[FollowedRegion]:
-    """Return the regions of a file where the markers say that they are now.
+    """Return the regions of a file at their present places by the markers.
 
-    Each region moves by the affine map that fits the corners of its markers best. The perspective of a camera that
-    went far is not in it; the residual shows that.
+    Each region moves by the affine map that fits the corners of its markers best. It does not include the perspective
+    of a far move, which the residual shows.
     """
     if drawn.markers is None:
         raise DataError(
-            "the regions file has no [markers]: it is not known where they were when the regions were drawn. "
-            "`rigctl regions mark` adds them"
+            "the regions file has no [markers] with their places when the regions were drawn. `rigctl regions mark` "
+            "adds them"
         )
     found: list[FollowedRegion] = []
     problems: list[str] = []
     for region in drawn.regions:
         pairs = _pairs(region, drawn.markers, now)
         if not pairs:
-            problems.append(f"region {region.name}: none of its markers is seen ({_leaders(region, drawn.markers)})")
+            problems.append(f"region {region.name}: none of its markers is visible ({_leaders(region, drawn.markers)})")
             continue
         fitted = fit_affine(*_corners(pairs))
         if fitted.residual_rms_px > MOST_RESIDUAL_PX:
             problems.append(
-                f"region {region.name}: its markers did not move as one plane (residual "
-                f"{fitted.residual_rms_px:.1f} pixel, allowed {MOST_RESIDUAL_PX:g}): name the regions that each marker "
-                "leads, or draw the regions anew"
+                f"region {region.name}: its markers did not move as a plane (residual {fitted.residual_rms_px:.1f} "
+                f"pixel, allowed {MOST_RESIDUAL_PX:g}): name the regions that each marker leads, or draw the regions "
+                "again"
             )
             continue
         found.append(_moved(region, fitted, tuple(old.id for old, _ in pairs)))
@@ -102,7 +102,7 @@ def follow_markers(drawn: RegionsFile, now: list[Marker]) -> list[FollowedRegion
 
 
 def moved_markers(drawn: RegionsFile, now: list[Marker]) -> Markers | None:
-    """Return the markers of a file where they are seen now, each leading the regions that it led before."""
+    """Return the markers of a file at their present places, each with its regions."""
     if drawn.markers is None:
         return None
     led = {marker.id: marker.regions for marker in drawn.markers.seen}

@@ -1,4 +1,4 @@
-"""Runs in Python: `open_run` opens one, `open_archive` gives the frames of many as one array that is read bit by bit.
+"""Runs in Python: `open_run` opens one, `open_archive` gives the frames of many as one lazy array.
 
 The other names of the Python interface are the verbs themselves (docs/python.md).
 """
@@ -43,17 +43,17 @@ def open_run(path: FilePath, *, ignore_exclusions: bool = False) -> "Run":
     path : path
         Run folder, of `rigctl acquire` or `rigctl import`.
     ignore_exclusions : bool
-        Take frames too that people have excluded.
+        Include frames that people have excluded.
 
     Raises
     ------
     RunFolderError
-        It is no run folder, or is damaged.
+        The folder is not a run, or is damaged.
 
     Warns
     -----
     UserWarning
-        Its session has not finished, something beside its frames is damaged, or frames are excluded.
+        Its session has not finished, files other than its frames are damaged, or frames are excluded.
 
     Examples
     --------
@@ -74,28 +74,28 @@ def open_archive(
     shape: Shape | None = None,
     ignore_exclusions: bool = False,
 ) -> Any:
-    """Return the frames of all runs below a folder as one `xarray.Dataset`, of which no frame is read yet.
+    """Return the frames of all runs below a folder as one lazy `xarray.Dataset`.
 
     Parameters
     ----------
     root : path
         Folder with runs at any depth below it.
     where : str or None
-        Expression as of `rigctl archive find`, such as ``"sun_zenith < 40 and state = 'whole'"``; the index is brought
-        up to date. None is every run.
+        Expression as of `rigctl archive find`, such as ``"sun_zenith < 40 and state = 'whole'"``; the index is updated.
+        None is every run.
     kind : {"scene", "dark", "flat"} or None
         None: frames of all kinds.
     shape : (int, int) or None
-        Rows and columns of the frames that are taken; it has to be said where there are several.
+        Rows and columns of the frames to use; required if there are several sizes.
     ignore_exclusions : bool
-        Take frames too that people have excluded.
+        Include frames that people have excluded.
 
     Returns
     -------
     xarray.Dataset
         `counts` over frame, y and x [DN], one chunk of dask a frame, with the coordinates `run`, `sequence`, `kind`,
-        `time`, `polarizer_angle_deg` and `exposure_s` along frame: runs in the order of their names, frames in that in
-        which they were taken. Runs that cannot be read stand in the attribute `left_out`, as JSON, with the reason.
+        `time`, `polarizer_angle_deg` and `exposure_s` along frame: runs in the order of their names, frames in order of
+        time. The attribute `left_out` has the unreadable runs with the reason, as JSON.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def open_archive(
     ImportError
         dask or xarray is not installed.
     RunFolderError
-        Later, as it is read: a frame is damaged.
+        Later, on reading: a frame is damaged.
 
     Warns
     -----
@@ -125,8 +125,8 @@ def open_archive(
     height, width = _one_shape(Path(root), placed, shape)
     placed = [one for one in placed if (one[2].height, one[2].width) == (height, width)]
     if left_out:
-        warnings.warn(f"{len(left_out)} runs are left out; why stands in the attribute left_out", stacklevel=2)
-    # One task a frame, named by nothing but its place: thousands of `delayed` would take seconds.
+        warnings.warn(f"{len(left_out)} runs are left out; the attribute left_out has the reasons", stacklevel=2)
+    # One task per frame, named by its place: thousands of `delayed` would take seconds.
     name = f"frames-{array.core.tokenize([(run, one.checksum) for run, _, one in placed])}"
     graph = {(name, k, 0, 0): (_read, folder, record) for k, (_, folder, record) in enumerate(placed)}
     chunks = ((1,) * len(placed), (height,), (width,))
@@ -146,8 +146,8 @@ class Frames:
     Attributes
     ----------
     records : tuple of FrameRecord
-        All that is known of each.
-    counts : (N, H, W) array of uint16, or of float32 where counts of imported sums and means have fractions
+        Records of the frames.
+    counts : (N, H, W) array of uint16, or float32 for imported sums and means with fractions
         Samples [DN]; the first row is the top of the picture.
     """
 
@@ -168,16 +168,16 @@ class Frames:
 
     @property
     def polarizer_angle_deg(self) -> NDArray[np.float64]:
-        """Transmission axis of each frame by the stage's readback [deg]; not a number where it is not known."""
+        """Transmission axis of each frame by the stage's readback [deg]; nan if unknown."""
         return self._numbers("polarizer_angle_deg")
 
     @property
     def exposure_s(self) -> NDArray[np.float64]:
-        """Integration time of each frame [s]; not a number where it is not known."""
+        """Integration time of each frame [s]; nan if unknown."""
         return self._numbers("exposure_s")
 
     def to_xarray(self) -> Any:
-        """Return the counts as an `xarray.DataArray` over frame, y and x, with what is known of each frame.
+        """Return the counts as an `xarray.DataArray` over frame, y and x, with the records of the frames.
 
         Raises
         ------
@@ -208,9 +208,9 @@ class Run:
     path : Path
         The folder.
     record : rigctl.runs.folder.Run
-        Its table of contents, as the jobs take it.
+        Its table of contents.
     ignore_exclusions : bool
-        Frames are taken too that people have excluded.
+        True to include frames that people have excluded.
     """
 
     path: Path
@@ -218,7 +218,7 @@ class Run:
     ignore_exclusions: bool = False
 
     def __fspath__(self) -> str:
-        """Return the folder, so that every verb takes an opened run where it takes a folder."""
+        """Return the folder, so that every verb accepts an opened run."""
         return os.fspath(self.path)
 
     def __repr__(self) -> str:
@@ -234,12 +234,12 @@ class Run:
 
     @property
     def wholeness(self) -> str:
-        """What `rigctl verify` says of it without looking into its frames: "whole", "unfinished" or "damaged"."""
+        """The result of `rigctl verify` without reading the frames: "whole", "unfinished" or "damaged"."""
         return wholeness(self.path, read_contents(self.path))[0]
 
     @property
     def calibrations(self) -> Mapping[str, Any]:
-        """Calibrations that its session picked, by kind: file, sha256, why, age_days; empty where none was."""
+        """Calibrations chosen by its session, by kind: file, sha256, why, age_days; empty without any."""
         picked = self.record.session_json.get("calibrations")
         return dict(picked) if isinstance(picked, dict) else {}
 
@@ -251,7 +251,7 @@ class Run:
         return f"{not_whole}{len(kinds)} frames ({counted}), made {self.record.created_utc} by {self.record.created_by}"
 
     def frames(self, kind: FrameKind | None = None) -> Frames:
-        """Return the frames of a kind as one array; every checksum is tested on the way.
+        """Return the frames of a kind as one array, after checking every checksum.
 
         Parameters
         ----------
@@ -261,7 +261,7 @@ class Run:
         Raises
         ------
         ConfigError
-            The run has no frame of this kind, or the frames are not of one size.
+            The run has no frame of this kind, or frames of several sizes.
         RunFolderError
             A frame is damaged.
         """
@@ -295,12 +295,12 @@ class Run:
     def regions(
         self, regions: FilePath | None = None, *, noise: FilePath | None = None, backend: Backend = "pandas"
     ) -> Any:
-        """Return what the regions of a picture say: region, quantity, statistic, value, std_error.
+        """Return the numbers of the regions: region, quantity, statistic, value, std_error.
 
         Parameters
         ----------
         regions : path or None
-            Regions file. None: the regions of the simulated scene that the run was taken of.
+            Regions file. None: the regions of the simulated scene of the run.
         noise : path or None
             Noise calibration.
         backend : {"pandas", "polars"}
@@ -309,7 +309,7 @@ class Run:
         Raises
         ------
         ConfigError
-            No regions are given, and the run is not of a simulated scene.
+            No regions are given, and the run has no simulated scene.
         ImportError
             The backend is not installed.
         """
@@ -328,7 +328,7 @@ class Run:
 
 
 def _read(folder: Path, record: FrameRecord) -> NDArray[Any]:
-    """Return a frame as a picture of a stack, once its checksum was found right."""
+    """Return a frame as a picture of a stack, after checking its checksum."""
     return read_frame(folder, record)[None]
 
 
@@ -350,7 +350,7 @@ def _frames(
 def _one_shape(root: Path, placed: Sequence[_Placed], shape: Shape | None) -> Shape:
     found = Counter((record.height, record.width) for _, _, record in placed)
     if not found:
-        raise ConfigError(f"{root}: no run that matches has such a frame")
+        raise ConfigError(f"{root}: no matching run has such a frame")
     if shape is None and len(found) > 1:
         told = ", ".join(f"{frames} of shape={one}" for one, frames in found.most_common())
         raise ConfigError(f"{root}: frames of {len(found)} sizes do not make one array; choose: {told}")

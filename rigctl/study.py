@@ -1,10 +1,10 @@
 """Studies: predictions of many cases of some scenes, on dask, each done once.
 
 The cases of a study are every combination of some numbers, lists side by side, or draws from the laws of the numbers.
-Cases under one sky are computed together, in batches that workers take. Each batch that is done is a durable file in
-the folder of the study, with the hash of each case: a kill or a power cut takes what was being computed and no more,
-and the same command continues. Once all cases were tried, the numbers are written as one Zarr store for xarray and as
-tables in Parquet. A study of kind "sobol" also says how much each uncertain input matters to each number.
+Cases under one sky are computed together, in batches that workers take. Each finished batch is a durable file in the
+folder of the study, with the hash of each case: after a kill or a power cut the same command continues with the
+unfinished ones. At the end the numbers are written as one Zarr store for xarray and as tables in Parquet. A study of
+kind "sobol" also gives the sensitivity of each number to each uncertain input.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-# The code from which the numbers follow.
+# The code that determines the numbers.
 PACKAGES = ("model", "rigctl.files", "rigctl.scene", "rigctl.prediction", "rigctl.study")
 
 
@@ -73,7 +73,7 @@ class StudyScene:
 
     digest: str  #: SHA-256 of the file and of the files that it names
     name: str = field(compare=False)  #: name of the file without its ending
-    #: Its content. Files that it names are read where a case is computed, under the same paths.
+    #: Its content. Workers read the files that it names under the same paths.
     file: SceneFile = field(compare=False, repr=False)
 
 
@@ -82,14 +82,14 @@ class Wanted:
     """Numbers that are computed of every case."""
 
     columns: tuple[tuple[str, str], ...]  #: quantity and statistic of each region
-    detection: bool  #: whether probability of detection and area under the curve of every ordered pair are wanted
-    roc: str | None  #: pair whose whole curves are wanted
+    detection: bool  #: compute probability of detection and area under the curve of every ordered pair
+    roc: str | None  #: pair with whole curves
     tolerance: float | None  #: largest numerical error; None: the settings of the scene file
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One case: its place in the study, that of its scene among the scenes, and the numbers that replace the file's."""
+    """One case: its index in the study, the index of its scene, and the numbers that replace the file's."""
 
     number: int
     scene: int
@@ -101,16 +101,14 @@ class Numbers:
     """Numbers of N cases, NaN where there are none."""
 
     regions: tuple[str, ...]  #: R of them
-    pairs: tuple[str, ...]  #: ordered pairs as "TARGET on BACKGROUND", where detection is wanted; P of them
-    values: FloatArray  #: of the wanted columns, (N, R, columns)
+    pairs: tuple[str, ...]  #: P ordered pairs as "TARGET on BACKGROUND", if detection is computed
+    values: FloatArray  #: of the columns, (N, R, columns)
     p_detection: FloatArray  #: at the rates of a sweep, (N, P, rates)
     auc: FloatArray  #: areas under the curves, (N, P)
-    roc: (
-        FloatArray  #: P_D on Stokes parameters and on counts at `ROC_RATES`, (N, 2, rates); (N, 0, rates) if not wanted
-    )
+    roc: FloatArray  #: P_D on Stokes parameters and on counts at `ROC_RATES`, (N, 2, rates), or (N, 0, rates)
     seconds: FloatArray  #: time of each case; of the first of a sky with that sky
-    is_new_sky: NDArray[np.bool_]  #: whether the case before was under another sky, or there was none
-    reasons: tuple[str, ...]  #: why a case failed; empty where it did not
+    is_new_sky: NDArray[np.bool_]  #: True if the case before had another sky, or for the first
+    reasons: tuple[str, ...]  #: reason of a failed case
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -118,8 +116,8 @@ class StudyTable:
     """A study as its files hold it."""
 
     scenes: tuple[str, ...]  #: names
-    axes: tuple[Parameter, ...]  #: the numbers that are varied
-    grid: tuple[tuple[float, ...], ...]  #: values of each axis where all combinations are there, else empty
+    axes: tuple[Parameter, ...]  #: the varied numbers
+    grid: tuple[tuple[float, ...], ...]  #: values of each axis for a grid, else empty
     columns: tuple[tuple[str, str], ...]  #: quantity and statistic
     cases: tuple[Case, ...]
     numbers: Numbers
@@ -132,7 +130,7 @@ class StudyTable:
 def run_study(
     path: Path, out: Path, engine: Engine, tolerance: float | None, *, tell: Callable[[int, int], None]
 ) -> tuple[StudyTable, tuple[SobolIndex, ...], Outcome, int, list[str]]:
-    """Compute a study as far as it was not computed before, and write it once all of its cases were tried.
+    """Compute the remaining cases of a study, and write it at the end.
 
     Returns the study, how much its inputs matter (of kind sobol, when whole), the outcome, how many cases were done
     before, and the parts of an earlier command that are damaged.
@@ -191,7 +189,7 @@ _DETECTION = ("p_detection", "auc")
 
 
 def _wanted(file: StudyFile, predictors: Sequence[ScenePredictor], tolerance: float | None) -> Wanted:
-    """Return the numbers to compute; quantities are sought in the prediction of each scene as its file has it."""
+    """Return the numbers to compute; quantities must exist in the prediction of a scene file."""
     known: dict[tuple[str, str], None] = {}
     for predictor in predictors:
         if file.roc is not None:
@@ -220,7 +218,7 @@ def study_scene(path: Path) -> StudyScene:
 
 
 def scene_digest(file: SceneFile) -> str:
-    """Return the hash of a scene's content and of the files that it names, as they are here and now."""
+    """Return the hash of a scene's content and of the files that it names."""
     digest = hashlib.sha256(file.model_dump_json().encode())
     table = None if file.atmosphere is None else file.atmosphere.table
     materials = (Path(region.material) for region in file.regions if region.material is not None)
@@ -231,12 +229,12 @@ def scene_digest(file: SceneFile) -> str:
 
 
 def code_version() -> str:
-    """Return the program's version with a hash of the code that numbers follow from."""
+    """Return the program's version with a hash of the code that determines the numbers."""
     return on_dask.code_version(PACKAGES)
 
 
 def _case_hashes(cases: Sequence[Case], scenes: Sequence[StudyScene], wanted: Wanted) -> list[str]:
-    """Return the hash of the inputs of each case, of the wanted numbers, and of the code."""
+    """Return the hash of the inputs of each case, the requested numbers, and the code."""
     shared = [code_version(), wanted.columns, wanted.detection, wanted.roc, wanted.tolerance]
     begun = [hashlib.sha256(json.dumps([*shared, scene.digest]).encode()) for scene in scenes]
     hashes = []
@@ -287,7 +285,7 @@ def _parameters(section: CasesSection, scene: Scene) -> dict[str, Parameter]:
             for value in varied.range or varied.values or (*varied.steps[:1], *varied.steps[-1:]):
                 require_within(scene, {key: value}, option="cases.parameters")
             if varied.std == "stated" and parameters[key].std == 0.0:
-                raise ConfigError(f'cases.parameters: {key}: std = "stated", and the scene states none')
+                raise ConfigError(f'cases.parameters: {key}: std = "stated", but the scene states none')
         except ConfigError as error:
             problems.append(str(error))
     if problems:
@@ -312,7 +310,7 @@ def _key_values(section: CasesSection, scene: Scene, found: Mapping[str, Paramet
 
 
 def _going_together(cube: FloatArray, section: CasesSection, scene: Scene) -> FloatArray:
-    """Return draws of numbers with their stated errors as those errors go together; all others stay independent."""
+    """Return draws of numbers with correlated stated errors; all others stay independent."""
     places = {key: k for k, (key, one) in enumerate(section.parameters.items()) if one.std == "stated"}
     drawn = cube.copy()
     for keys, joint in scene.joint_errors:
@@ -329,7 +327,7 @@ def _going_together(cube: FloatArray, section: CasesSection, scene: Scene) -> Fl
 
 
 def _at(varied: VariedSection, parameter: Parameter, share: FloatArray) -> FloatArray:
-    """Return values of a law at shares of its probability; a normal law is cut at the number's limits."""
+    """Return values of a law at shares of its probability; a normal law is truncated at the number's limits."""
     if varied.steps:
         values = np.array(varied.steps, dtype=np.float64)
         return np.asarray(values[np.minimum((share * values.size).astype(int), values.size - 1)])
@@ -346,18 +344,18 @@ def _at(varied: VariedSection, parameter: Parameter, share: FloatArray) -> Float
 
 Predictions = Mapping[str, RegionPrediction]
 
-# Enough for a worker to be busy some seconds, few enough that little is lost when it ends; and batches of each worker,
-# so that none waits long for the last of another. To a tolerance few cases are judged, the fewer the larger a batch is.
+# Cases of a batch, for some seconds of work and little loss when a worker ends; and batches per worker, for short waits
+# at the end. With a tolerance larger batches need fewer error estimates.
 _MOST_CASES, _ROUNDS = 64, 8
 _MOST_TO_TOLERANCE, _ROUNDS_TO_TOLERANCE = 256, 2
 _SKIES_EACH = 2
-# A worker keeps what it knows of this many scenes.
+# Scenes cached by a worker.
 _SCENES_KEPT = 2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """Cases of one scene that are computed together, and the code by which they have to be."""
+    """Cases of one scene that are computed together, and the required code."""
 
     scene: StudyScene
     wanted: Wanted
@@ -366,12 +364,12 @@ class Batch:
 
 
 def batches_of(cases: Sequence[Case], scenes: Sequence[StudyScene], wanted: Wanted, *, workers: int) -> Iterator[Batch]:
-    """Yield batches; those of one sky come one after another, and are cut only where there are many."""
+    """Yield batches in the order of skies, which are divided only if they have many cases."""
     largest, rounds = (_MOST_CASES, _ROUNDS) if wanted.tolerance is None else (_MOST_TO_TOLERANCE, _ROUNDS_TO_TOLERANCE)
     most = max(1, min(largest, math.ceil(len(cases) / (workers * rounds))))
     ordered = sorted(cases, key=lambda case: (case.scene, _sky_of(case), case.number))
     skies = [list(group) for _, group in groupby(ordered, key=lambda case: (case.scene, _sky_of(case)))]
-    # With enough skies for all workers none is solved twice.
+    # With enough skies for all workers no sky is solved twice.
     piece = largest if len(skies) >= _SKIES_EACH * workers else most
 
     def batch(cases: Sequence[Case]) -> Batch:
@@ -393,7 +391,7 @@ def _sky_of(case: Case) -> tuple[float, ...]:
 
 
 def compute(batch: Batch) -> Numbers:
-    """Return the prediction of each case of a batch; a case that fails has a reason, and ends no other."""
+    """Return the prediction of each case of a batch; a failed case has a reason and does not affect others."""
     if batch.code != code_version():
         raise ConfigError(f"a worker has rigctl {code_version()}, the study {batch.code}: install the same on both")
     predictor, wanted = _predictor(batch.scene), batch.wanted
@@ -426,7 +424,7 @@ def compute(batch: Batch) -> Numbers:
 
 
 def _no_numbers(regions: Sequence[Any], wanted: Wanted, reasons: tuple[str, ...]) -> Numbers:
-    """Return the record of cases of a scene before any number is there."""
+    """Return an empty record of cases of a scene."""
     names = tuple(region.name for region in regions)
     pairs = tuple(f"{target} on {background}" for target in names for background in names if target != background)
     return _blank(names, pairs if wanted.detection else (), wanted, reasons)
@@ -455,9 +453,9 @@ def _failed(batch: Batch, reason: str) -> Numbers:
 def _predicted_all(
     predictor: ScenePredictor, changes: Sequence[dict[str, float]], tolerance: float | None
 ) -> list[tuple[Predictions | str, float]]:
-    """Return the prediction of each case, or the reason why it has none, and the time that it took [s].
+    """Return the prediction of each case or the reason of its failure, and the time [s].
 
-    To a tolerance some are judged, and the others follow from those around them. Where one fails, halves are tried.
+    With a tolerance, errors are estimated for some cases and interpolated for others. If one fails, halves are tried.
     """
     if tolerance is None or len(changes) == 1:
         results = []
@@ -472,7 +470,7 @@ def _predicted_all(
         scenes = [with_values(predictor.scene, values) for values in changes]
         points = np.array([list(values.values()) for values in changes])
         cases = predictor.series_to_tolerance(scenes, tolerance, points=points).cases
-    except Exception:  # the case that fails says why when it is alone
+    except Exception:  # a failing case gives its reason when it is alone
         half = len(changes) // 2
         return _predicted_all(predictor, changes[:half], tolerance) + _predicted_all(
             predictor, changes[half:], tolerance
@@ -490,7 +488,7 @@ def _predictor(scene: StudyScene) -> ScenePredictor:
 
 
 def _predicted(predictor: ScenePredictor, values: dict[str, float], tolerance: float | None) -> Predictions | str:
-    """Return the predictions of a case, or why there are none."""
+    """Return the predictions of a case, or the reason of its failure."""
     try:
         scene = with_values(predictor.scene, values)
         require_within(predictor.scene, values, option="case")
@@ -499,7 +497,7 @@ def _predicted(predictor: ScenePredictor, values: dict[str, float], tolerance: f
         return predictor.series_to_tolerance((scene,), tolerance).cases[0].result.predictions
     except (ConfigError, DataError) as error:
         return str(error)
-    except Exception as error:  # any error of the model in one case of a million is the reason of that case
+    except Exception as error:  # an error of the model in one case of a million is the reason of that case
         return f"{type(error).__name__}: {error}"
 
 
@@ -517,7 +515,7 @@ def write_part(out: Path, numbers: Numbers, hashes: Sequence[str]) -> None:
 
 
 def read_parts(out: Path) -> tuple[dict[str, tuple[Numbers, int]], list[str]]:
-    """Return the hash of each case that is done with its numbers and its row in them, and which parts are damaged."""
+    """Return the hash of each finished case with its numbers and its row in them, and the damaged parts."""
     done: dict[str, tuple[Numbers, int]] = {}
     damaged = []
     for file in sorted((out / PARTS_FOLDER).glob("*.npz")):
@@ -529,14 +527,14 @@ def read_parts(out: Path) -> tuple[dict[str, tuple[Numbers, int]], list[str]]:
         except DataError as error:
             damaged.append(str(error))
         except (KeyError, TypeError) as error:
-            damaged.append(f"{file}: is no part of a study: {error}")
+            damaged.append(f"{file}: is not a part of a study: {error}")
         else:
             done |= {one: (numbers, row) for row, one in enumerate(hashes)}
     return done, damaged
 
 
 def _joined(hashes: Sequence[str], done: Mapping[str, tuple[Numbers, int]], wanted: Wanted) -> Numbers:
-    """Return the numbers of all cases; a case whose scene has no such region, or that is not done, holds NaN."""
+    """Return the numbers of all cases; NaN for a missing region or an unfinished case."""
     parts = dict.fromkeys(done[one][0] for one in hashes if one in done)
     regions = tuple(dict.fromkeys(name for part in parts for name in part.regions))
     pairs = tuple(dict.fromkeys(name for part in parts for name in part.pairs))
@@ -557,7 +555,7 @@ def _joined(hashes: Sequence[str], done: Mapping[str, tuple[Numbers, int]], want
 
 ZARR, REGIONS_TABLE, DETECTION_TABLE = "study.zarr", "study.parquet", "detection.parquet"
 _STOKES = ("s0", "s1", "s2")
-# How signs are meant, in words for readers of the store.
+# Conventions, in words for readers of the store.
 _CONVENTIONS = (
     "S1 = horizontal - vertical, S2 = (+45) - (-45), angles counter-clockwise from horizontal as the camera sees the "
     "scene, AoLP in [0, 180) deg; azimuths clockwise from north; counts and Stokes parameters in DN"
@@ -578,7 +576,7 @@ def _column_name(column: tuple[str, str]) -> str:
 
 
 def _write_zarr(out: Path, table: StudyTable) -> None:
-    """Write the store; one that is there is replaced once the new one is whole."""
+    """Write the store; an old one is replaced once the new one is complete."""
     part, store = out / f"{ZARR}.part", out / ZARR
     shutil.rmtree(part, ignore_errors=True)
     _dataset(table).to_zarr(part, mode="w", zarr_format=2, consolidated=True)
@@ -605,7 +603,7 @@ def _dataset(table: StudyTable) -> Any:
         for k, column in enumerate(table.columns)
     }
     variables["seconds"] = (*shaped(numbers.seconds), {"units": "s", "long_name": "time of computation"})
-    variables["reason"] = (*shaped(_texts(numbers.reasons)), {"long_name": "why a case has no numbers"})
+    variables["reason"] = (*shaped(_texts(numbers.reasons)), {"long_name": "reason for missing numbers"})
     if numbers.pairs:
         coords |= {"pair": ("pair", _texts(numbers.pairs)), "p_false_alarm": ("p_false_alarm", list(SWEPT_RATES))}
         variables["p_detection"] = (*shaped(numbers.p_detection, "pair", "p_false_alarm"), {"units": "1"})
@@ -617,7 +615,7 @@ def _dataset(table: StudyTable) -> Any:
 
 
 def _dimensions(table: StudyTable) -> tuple[tuple[str, ...], tuple[int, ...], dict[str, Any]]:
-    """Dimensions of the cases, their lengths, and the coordinates that say what each case is."""
+    """Dimensions of the cases, their lengths, and the coordinates that describe each case."""
     scenes = _texts(table.scenes)
     facts = {axis.key: {"units": axis.unit or "1", "long_name": axis.meaning} for axis in table.axes}
     if table.grid:
@@ -645,7 +643,7 @@ def _texts(words: Sequence[str]) -> Any:
 
 
 def _write_parquet(out: Path, table: StudyTable) -> None:
-    """Write a row for each case and region and, where it is wanted, one for each case, pair and rate."""
+    """Write a row for each case and region and, with detection, one for each case, pair and rate."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -686,19 +684,19 @@ _VARIES = 1e-12
 
 
 class SobolIndex(NamedTuple):
-    """Shares of a number's variance that one input makes."""
+    """Shares of a number's variance due to one input."""
 
     scene: str
     region: str
     quantity: str  #: QUANTITY_STATISTIC
     input: str  #: key of the input
-    first: float  #: by this input alone; NaN where `reason` says why
+    first: float  #: by this input alone; NaN with a `reason`
     first_low: float  #: 95 % limits by bootstrap
     first_high: float
-    total: float  #: with all that it makes together with others
+    total: float  #: with all interactions
     total_low: float
     total_high: float
-    reason: str  #: why there is none; empty where there is
+    reason: str  #: reason for missing shares
 
 
 def _numbers_of(table: StudyTable) -> Iterator[tuple[tuple[str, str, str], FloatArray]]:
@@ -715,18 +713,18 @@ def _numbers_of(table: StudyTable) -> Iterator[tuple[tuple[str, str, str], Float
 def sobol_of(number: tuple[str, str, str], values: FloatArray, inputs: Iterable[str]) -> tuple[SobolIndex, ...]:
     """Return the indices of a number, given by scene, region and quantity, to each input.
 
-    Saltelli et al., Comput. Phys. Commun. 181 (2010) 259, doi:10.1016/j.cpc.2009.09.018, as scipy has it.
+    Saltelli et al., Comput. Phys. Commun. 181 (2010) 259, doi:10.1016/j.cpc.2009.09.018, as in scipy.
     """
     keys, reason = tuple(inputs), ""
     missing = int(np.count_nonzero(np.isnan(values)))
     if missing:
-        reason = f"{missing} of {values.size} cases have no such number"
+        reason = f"{missing} of {values.size} cases lack this number"
     elif np.ptp(values) <= _VARIES * np.max(np.abs(values)):
         reason = "no input changes it"
     if reason:
         return tuple(_sobol_index(number, key, [math.nan] * 6, reason) for key in keys)
     blocks = values.reshape(len(keys) + 2, 1, -1)
-    # Of an input that changes nothing the indices are 0, without limits that could be found by drawing.
+    # Indices of an input without effect are 0, without limits from the bootstrap.
     acting = [k for k in range(len(keys)) if np.any(blocks[2 + k] != blocks[0])]
     found = sobol_indices(
         func={"f_A": blocks[0], "f_B": blocks[1], "f_AB": blocks[2:][acting]},
@@ -749,7 +747,7 @@ def _sobol_index(number: tuple[str, str, str], key: str, indices: Sequence[float
 
 
 def sobol_table(rows: Sequence[SobolIndex]) -> Table[SobolIndex]:
-    """Return the shares of variance; of each number the input that makes most stands first."""
+    """Return the shares of variance, with the inputs of each number in order of their share."""
     numbers = list(dict.fromkeys(row[:3] for row in rows))
     return Table(
         columns=(
@@ -762,7 +760,7 @@ def sobol_table(rows: Sequence[SobolIndex]) -> Table[SobolIndex]:
             Column(title="why none", key="reason", left=True),
         ),
         rows=tuple(sorted(rows, key=lambda row: (numbers.index(row[:3]), 0.0 if row.reason else -row.total))),
-        title="share of the variance that each input makes, with 95 % limits",
+        title="share of the variance due to each input, with 95 % limits",
     )
 
 
@@ -780,14 +778,14 @@ def _shares(key: str, title: str) -> tuple[Column[SobolIndex], ...]:
     )
 
 
-# More panels than this no one reads; the tables have all.
+# Most panels; the tables have all.
 _MOST_PANELS = 12
 _COLUMNS = 3
 _INCHES_A_BAR = 0.32
 
 
 def sobol_figure(rows: Sequence[SobolIndex]) -> bytes:
-    """Return bars of first and total index for each number, a panel each, the input that matters most on top."""
+    """Return bars of first and total index, one panel per number, the most important input on top."""
     known = [row for row in rows if not row.reason]
     numbers = list(dict.fromkeys(row[:3] for row in known))[:_MOST_PANELS]
     inputs = max((sum(row[:3] == number for row in known) for number in numbers), default=1)

@@ -1,9 +1,9 @@
 """Prediction of a scene file without a run.
 
-`ScenePredictor` holds a scene with its uncertain inputs and predicts it, with any of its numbers changed, with the
-settings of the file or to a tolerance. Around it: the distribution of DoLP and RX detection between regions
-(`performance_of`), the standard uncertainties that uncertain inputs give each predicted number
-(`predicted_uncertainty`), whole ROC curves of a pair of regions, and the axes of a sweep as a user states them.
+`ScenePredictor` predicts a scene with any of its numbers changed, with the settings of the file or to a tolerance.
+Other functions give the distribution of DoLP and RX detection between regions (`performance_of`), standard
+uncertainties of predicted numbers from the inputs (`predicted_uncertainty`), whole ROC curves of a pair of regions, and
+the axes of a sweep.
 """
 
 import math
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneGeometry:
-    """Where sun and camera stand, and what the sun sends [deg, W m-2 in band]."""
+    """Position of sun and camera, and irradiance [deg, W m-2 in band]."""
 
     sun_zenith_deg: float
     sun_azimuth_deg: float
@@ -61,25 +61,25 @@ class SceneGeometry:
 
 
 def _with_changes(scene: "Scene", changed: Mapping[str, float]) -> "Scene":
-    """Return a scene as if its file said otherwise, and a remark that it does."""
+    """Return a scene with a changed number, and a remark on the change."""
     found = with_values(scene, changed)
     require_within(scene, changed, option="changed")
     said = ", ".join(f"{key} = {value:g}" for key, value in changed.items())
-    return replace(found, changed=(f"changed: {said}, not as the scene file has it",))
+    return replace(found, changed=(f"changed: {said}, unlike the scene file",))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScenePrediction:
     """Predictions of a scene."""
 
-    predictions: dict[str, RegionPrediction]  #: Region to prediction.
-    lights: dict[str, "FieldLight"]  #: Region to its light, for the regions that are given by a material.
+    predictions: dict[str, RegionPrediction]  #: Predictions by region.
+    lights: dict[str, "FieldLight"]  #: Light by region, for regions with a material.
     geometry: SceneGeometry | None  #: For a scene with such a region.
-    remarks: tuple[str, ...]  #: What is assumed, and what is least known.
+    remarks: tuple[str, ...]  #: Assumptions and least certain inputs.
 
 
 class ScenePredictor:
-    """A scene, ready to be predicted with any of its numbers changed."""
+    """A scene for predictions with any of its numbers changed."""
 
     def __init__(
         self,
@@ -91,18 +91,18 @@ class ScenePredictor:
         scaled: Callable[[Inputs], Inputs] | None = None,
         changes: Mapping[str, float] | None = None,
     ) -> None:
-        """Take a scene file, a noise calibration, and what else changes its inputs, such as a radiometric calibration.
+        """Take a scene file, a noise calibration, and other changes of its inputs, such as a radiometric calibration.
 
-        `changes` are numbers in the place of those of file and noise calibration, as if the file stated them.
+        `changes` replace numbers of file and noise calibration.
         """
         if source != "total" and not scene.has_materials:
-            raise ConfigError(f"--light {source}: no region of {scene.name} is given by its material")
+            raise ConfigError(f"--light {source}: no region of {scene.name} has a material")
         stated = scene_of_file(scene, noise)
         if changes:
             stated = _with_changes(stated, changes)
         self._light, self._source = SceneLight() if light is None else light, source
         self._inputs = gather(stated) if scaled is None else scaled(gather(stated))
-        # The processing takes what is stated, whatever is true.
+        # The processing uses the stated value, even if the true one differs.
         self._readout = readout_of(stated)
 
     @property
@@ -117,15 +117,15 @@ class ScenePredictor:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is assumed, what was set aside, and what is least known of the air."""
+        """Assumptions, ignored settings, and least certain properties of the air."""
         return (*self.scene.remarks, *self._light.remarks(self.scene))
 
     def predictions(self, changed: Mapping[str, float] | None = None) -> dict[str, RegionPrediction]:
-        """Return what the model says with some numbers changed, by their keys."""
+        """Return the prediction with some numbers changed, by their keys."""
         return self.predictions_of(with_values(self.scene, changed or {}))
 
     def predictions_of(self, scene: "Scene") -> dict[str, RegionPrediction]:
-        """Return what the model says of this scene with some numbers changed."""
+        """Return the prediction of this scene with some numbers changed."""
         with as_config_error(f"scene {scene.name}"):
             scenario = build_scenario(
                 scene, readout=self._readout, exposure_s=scene.exposure_s, light=self._light, source=self._source
@@ -138,7 +138,7 @@ class ScenePredictor:
             return predict_with_errors(scenario, errors)
 
     def lit_scene(self, scene: "Scene | None" = None) -> "LitScene":
-        """Return all that the scene is, as one record of the model."""
+        """Return the scene as a record of the model."""
         of = self.scene if scene is None else scene
         with as_config_error(f"scene {of.name}"):
             sensor = sensor_of(of, of.exposure_s)
@@ -147,11 +147,11 @@ class ScenePredictor:
     def effect_plan(
         self, tolerance: float, *, rule: "EffectRule" = "safe", of: "LitScene | None" = None
     ) -> "EffectPlan":
-        """Return which effects the scene calls for, of a tolerance of which leaving out may take a half.
+        """Return the effects that the scene needs; leaving out others may use half of the tolerance.
 
         Effects of sensor and session act where they are stated.
         """
-        # What holds errors to a tolerance takes a quarter of a second to import, and most predictions state none.
+        # Imported here, because it takes a quarter of a second and most predictions have no tolerance.
         from rigctl.scene.effects import plan_for_prediction
 
         with as_config_error(f"scene {self.scene.name}"):
@@ -170,7 +170,7 @@ class ScenePredictor:
         estimated_only: bool = False,
         clock: "Clock" = time.perf_counter,
     ) -> "Predicted":
-        """Return what the model says of the scene, to a stated numerical error."""
+        """Return the prediction of the scene to a stated numerical error."""
         from model.accuracy import predict as to_tolerance
 
         _require_recorded_rig(self.scene)
@@ -188,7 +188,7 @@ class ScenePredictor:
         return found.cases[0]
 
     def with_unstated(self, effects: "EffectPlan", found: "Predicted") -> "EffectPlan":
-        """Return a plan with what effects that nobody stated would change, at the settings of a prediction."""
+        """Return a plan with the sizes of effects that are not stated, at the settings of a prediction."""
         from model.accuracy.effect_check import with_changes
 
         with as_config_error(f"scene {self.scene.name}"):
@@ -206,7 +206,7 @@ class ScenePredictor:
         rule: "EffectRule" = "safe",
         estimated_only: bool = False,
     ) -> "Predictions":
-        """Return what the model says of this scene with some numbers changed, to a numerical error.
+        """Return the predictions of this scene with some numbers changed, to a numerical error.
 
         They change step by step along a grid of a `shape`, or are scattered: `points` are the numbers of each scene.
         """
@@ -227,7 +227,7 @@ class ScenePredictor:
             )
 
     def predict(self) -> ScenePrediction:
-        """Return what the model says of the scene as it is."""
+        """Return the prediction of the unchanged scene."""
         scene, predictions = self.scene, self.predictions()
         materials = [region for region in scene.regions if region.material is not None]
         return ScenePrediction(
@@ -254,37 +254,37 @@ class ScenePredictor:
 def _require_recorded_rig(scene: "Scene") -> None:
     if rig_errors(scene) is not None:
         raise ConfigError(
-            f"scene {scene.name}: --tolerance is of a rig as it is recorded; leave the values of [rig] at "
+            f"scene {scene.name}: --tolerance needs a rig as recorded; leave the values of [rig] at "
             "polarizer_offset_deg = 0, exposure_ratio = 1 (uncertainties may stay)"
         )
 
 
 def model_warnings(predictions: Mapping[str, RegionPrediction]) -> Iterable[str]:
-    """Yield where the model is void or poor, by region."""
+    """Yield limits of the model by region."""
     for name, prediction in predictions.items():
         yield from (f"{name}: {warning}" for warning in prediction.warnings)
 
 
-# Probabilities of false alarm that people ask for. A measured ROC has a point at each that its pixels reach.
+# Usual probabilities of false alarm. A measured ROC has a point at each that its pixels allow.
 FALSE_ALARM_RATES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
-# Those for which a prediction states the probability of detection, and those of a sweep.
+# Those with a probability of detection in a prediction, and in a sweep.
 STATED_RATES, SWEPT_RATES = FALSE_ALARM_RATES[1:4], FALSE_ALARM_RATES[1:]
 
-# Why NEDoLP is not known.
-NO_NOISE = "no noise calibration was given: temporal noise is not told from texture"
+# Reason for a missing NEDoLP.
+NO_NOISE = "without a noise calibration temporal noise cannot be separated from texture"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Performance:
     """Polarization and detection by the model, of single pixels of one cycle."""
 
-    #: Region to the distribution of its DoLP in a few numbers; None where there is no light.
+    #: Quantiles of DoLP by region; None without light.
     strengths: dict[str, "PolarizationStrength | None"]
     detections: tuple["PairDetection", ...]  #: Every ordered pair of regions, at `STATED_RATES`.
 
 
 def performance_of(predictions: Mapping[str, "RegionPrediction"]) -> Performance:
-    """Return the distribution of DoLP of every region, and the detection of each on every other."""
+    """Return the distribution of DoLP of every region, and the detection of each region on every other."""
     from model.prediction import detections_of_sweep
 
     return Performance(
@@ -301,7 +301,7 @@ def _strength(prediction: "RegionPrediction") -> "PolarizationStrength | None":
     try:
         return polarization_strength(prediction)
     except ArithmeticError:
-        # Quantiles of a law that no quadrature follows; the region's other numbers stand.
+        # Quantiles of a law without a quadrature; the region's other numbers are kept.
         return None
 
 
@@ -309,7 +309,7 @@ FloatArray = NDArray[np.float64]
 
 
 class NumberKey(NamedTuple):
-    """Which number of a prediction, or of a measurement."""
+    """Key of a number of a prediction or of a measurement."""
 
     region: str
     quantity: str
@@ -321,7 +321,7 @@ def propagate_numbers(
     inputs: "Inputs",
     predicted: Callable[[FloatArray], Mapping[str, "RegionPrediction"]],
 ) -> Propagation:
-    """Return what the uncertain inputs do to predicted numbers, in their order."""
+    """Return the propagation of the uncertain inputs to predicted numbers, in their order."""
     uncertain = np.flatnonzero(np.diag(inputs.cov) > 0.0)
 
     def off(some: FloatArray) -> FloatArray:
@@ -330,7 +330,7 @@ def propagate_numbers(
         try:
             regions = predicted(values)
         except ConfigError as error:
-            # For the propagation: here the inputs do not go together. It takes the other side, and names the input.
+            # For the propagation: these inputs are impossible together. It takes the other side, and names the input.
             raise ValueError(str(error)) from error
         return np.array([difference(key.quantity, _value(key, regions), number) for key, number in numbers.items()])
 
@@ -345,17 +345,17 @@ def propagate_numbers(
 
 
 def curved_inputs(propagation: Propagation, uncertain: "Inputs") -> Iterable[str]:
-    """Return which inputs were taken by quadrature, and for which slopes had to do."""
+    """Return the inputs propagated by quadrature, and those by slopes for lack of room."""
     if propagation.curved:
         names = ", ".join(uncertain.names[k] for k in propagation.curved)
         yield f"curved within its uncertainty, hence propagated by quadrature: {names}"
     if propagation.limited:
         names = ", ".join(uncertain.names[k] for k in propagation.limited)
-        yield f"so near to what is possible, for its uncertainty, that a slope had to do: {names}"
+        yield f"propagated by a slope, because it is near its limit: {names}"
 
 
 def correlated_pairs(uncertain: "Inputs") -> list[tuple[str, str, float]]:
-    """Return the inputs whose errors go together, two and two with their correlation, the closest first."""
+    """Return the pairs of inputs with correlated errors, strongest first."""
     std = np.sqrt(np.diag(uncertain.cov))
     correlation = uncertain.cov / np.outer(std, std)
     pairs = [(i, k) for k in range(len(std)) for i in range(k) if correlation[i, k] != 0.0]
@@ -373,9 +373,9 @@ def _value(key: NumberKey, regions: Mapping[str, "RegionPrediction"]) -> float:
         ) from error
 
 
-# A change of so little of a number, or of one, is that of rounding.
+# Relative change, of a number or of 1, due to rounding.
 _ROUNDING = 1e-12
-# Region, quantity and statistic to a number.
+# Numbers by region, quantity and statistic.
 Nested = dict[str, dict[str, dict[str, float]]]
 
 
@@ -383,16 +383,16 @@ Nested = dict[str, dict[str, dict[str, float]]]
 class PredictedUncertainty:
     """Standard uncertainties of predicted numbers."""
 
-    std_errors: Nested  #: Region, quantity and statistic to the standard uncertainty by all inputs.
+    std_errors: Nested  #: Standard uncertainty from all inputs, by region, quantity and statistic.
     inputs: tuple[str, ...]  #: Those that have an uncertainty.
-    #: Region, quantity and statistic to the change by one standard uncertainty of each of these alone, shape (k,).
+    #: Change by one standard uncertainty of each input alone, by region, quantity and statistic, shape (k,).
     effects: dict[NumberKey, FloatArray]
-    remarks: tuple[str, ...]  #: What was curved, or stood at a limit.
-    #: Inputs whose errors go together, the closest first; the effects are of each alone.
+    remarks: tuple[str, ...]  #: Inputs with a curved response or at a limit.
+    #: Pairs of inputs with correlated errors, strongest first; the effects are of each alone.
     correlations: tuple[tuple[str, str, float], ...] = ()
 
     def ranked(self, region: str, quantity: str) -> list[tuple[str, float]]:
-        """Return inputs with what one standard uncertainty of each changes of a mean, the largest first."""
+        """Return inputs with the change of a mean by one standard uncertainty, largest first."""
         found = self.effects.get(NumberKey(region, quantity, "mean"), np.zeros(len(self.inputs)))
         return [(self.inputs[k], float(found[k])) for k in np.argsort(-np.abs(found), kind="stable") if found[k] != 0.0]
 
@@ -400,7 +400,7 @@ class PredictedUncertainty:
 def predicted_uncertainty(
     predictor: "ScenePredictor", predictions: Mapping[str, "RegionPrediction"]
 ) -> PredictedUncertainty:
-    """Return what the uncertain inputs make of predictions.
+    """Return the uncertainty of predictions from the inputs.
 
     `model.processing.agreement.propagate`.
     """
@@ -468,7 +468,7 @@ MOST_STEPS = 10_000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Axis:
-    """A number of the scene, and the values that it takes, in the unit of the file."""
+    """A number of the scene and its values, in the unit of the file."""
 
     key: str
     values: FloatArray

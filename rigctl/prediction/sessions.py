@@ -1,8 +1,8 @@
 """Error of DoLP against the time of a session.
 
-`SceneSessions` gives the light of each region as one cycle of frames records it, at given angles and exposure.
-`acquisition_tradeoff` tries angle sets, orders, exposures and waits, and finds the shortest session that reaches what
-is wanted.
+`SceneSessions` gives the light of each region in one cycle of frames, at given angles and exposure.
+`acquisition_tradeoff` tries angle sets, orders, exposures and waits, and finds the shortest session that reaches the
+goals.
 """
 
 from collections.abc import Iterable, Iterator
@@ -38,12 +38,12 @@ from rigctl.files.scene_file import SceneFile
 from rigctl.scene.light import SceneLight, build_scenario, readout_of
 from rigctl.scene.scene import scene_of_file
 
-# The brightest counts go up to this share of the largest that the sensor gives.
+# Share of the largest count for the brightest counts.
 _FILLING = 0.8
 
 
 class SceneSessions:
-    """Makes the schemes of a scene: what one cycle shows of its regions at given angles and exposure."""
+    """Schemes of a scene: light of its regions in one cycle at given angles and exposure."""
 
     def __init__(self, scene: SceneFile, noise: NoiseParameters | None, *, light: SceneLight | None = None) -> None:
         self._scene = scene_of_file(scene, noise)
@@ -68,7 +68,7 @@ class SceneSessions:
         return self._scene.remarks
 
     def scheme(self, session: Session) -> Scheme:
-        """Return what a cycle of a session shows of each region."""
+        """Return the light of each region in a cycle of a session."""
         key = (session.angles_rad, session.exposure_s)
         if key not in self._lights:
             with as_config_error(f"scene {self._scene.name}"):
@@ -91,14 +91,14 @@ class SceneSessions:
         }
 
 
-# Turning the polarizer and storing the frame: what `rigctl plan` assumes [s].
+# Time to turn the polarizer and store the frame, as in `rigctl plan` [s].
 OVERHEAD_S = 0.42
-# Light that drifts by 1 % a minute, as under a clear sky in the morning.
+# Drift of 1 % per minute, as under a clear sky in the morning.
 DRIFT_PER_S = 0.01 / 60.0
 NOTHING_WANTED = Wanted()
 MORNING = Disturbances(drift_per_s=DRIFT_PER_S)
 _SHORTER = (1.0, 0.5, 0.25, 0.125)
-# Waits for the polarizer to stand still, in units of its settling time.
+# Waits for the polarizer to settle, in settling times.
 _SETTLE_TIMES = (0.0, 2.0, 4.0, 6.0, 8.0)
 _CURVE_CYCLES = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
 
@@ -107,13 +107,13 @@ _CURVE_CYCLES = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
 class TradeoffRequest:
     """A question to the sessions of a scene."""
 
-    wanted: Wanted = NOTHING_WANTED  #: What to reach; nothing by default.
-    region: str | None = None  #: Whose DoLP counts; None for every region.
-    pair: tuple[str, str] | None = None  #: Target and background, whose detection is shown.
-    pixels: int = 1  #: How many pixels are averaged before DoLP is taken.
+    wanted: Wanted = NOTHING_WANTED  #: Goals; none by default.
+    region: str | None = None  #: Regions with a goal for DoLP; None for every region.
+    pair: tuple[str, str] | None = None  #: Target and background of the detection.
+    pixels: int = 1  #: Number of pixels averaged before DoLP is computed.
     disturbances: Disturbances = MORNING  #: Drift and settling.
-    overhead_s: float = OVERHEAD_S  #: Turning and storing, each frame [s].
-    #: Which exposures to try [s]; None for that which fills the sensor, and shorter ones.
+    overhead_s: float = OVERHEAD_S  #: Turning and storing, per frame [s].
+    #: Exposures to try [s]; None for the one that fills the sensor, and shorter ones.
     exposures_s: tuple[float, ...] | None = None
 
 
@@ -122,25 +122,25 @@ class SessionPoint:
     """A session and what it gives."""
 
     session: Session  #: Which.
-    budgets: dict[str, DolpBudget]  #: Region to errors of DoLP.
-    p_detection: float | None  #: Of the pair that was asked for.
+    budgets: dict[str, DolpBudget]  #: Errors of DoLP by region.
+    p_detection: float | None  #: Of the requested pair.
 
     @property
     def worst(self) -> DolpBudget:
-        """The errors of the region that has the largest."""
+        """The errors of the region with the largest error."""
         return max(self.budgets.values(), key=lambda budget: budget.total)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AcquisitionTradeoff:
-    """Sessions of a scene, what each gives, and the shortest."""
+    """Sessions of a scene with their results, and the shortest."""
 
     scene: str  #: Its name.
     request: TradeoffRequest  #: What was asked.
     regions: tuple[str, ...]  #: Whose DoLP counted.
-    #: Every way to take frames, at its best exposure and settling, with more and more cycles.
+    #: Every way to take frames, at its best exposure and settling, with increasing numbers of cycles.
     points: tuple[SessionPoint, ...]
-    #: For every way, what it starts from and what it comes to; empty where nothing is wanted.
+    #: Start and result of every way; empty without goals.
     reached: tuple[tuple[Session, Reached], ...]
     best: Reached | None  #: The shortest of them.
     remarks: tuple[str, ...]  #: What is assumed.
@@ -149,11 +149,11 @@ class AcquisitionTradeoff:
 def acquisition_tradeoff(
     scene: SceneFile, noise: NoiseParameters | None, request: TradeoffRequest, *, light: SceneLight | None = None
 ) -> AcquisitionTradeoff:
-    """Return what sessions of a scene give for their time, and the shortest that reaches what is wanted.
+    """Return the results of sessions against time, and the shortest that reaches the goals.
 
-    Tried are the angles of the file, and 3, 4, 5 and 6 equally spaced ones in the order that drift harms least; in
-    cycles, back and forth, and grouped; at exposures that fill the sensor and shorter ones; with waits for the
-    polarizer to settle where it needs any.
+    It tries the angles of the file, and 3, 4, 5 and 6 equally spaced ones in the order least affected by drift; cycles,
+    passes back and forth, and grouped frames; exposures that fill the sensor and shorter ones; and waits for the
+    polarizer if it settles slowly.
     """
     sessions = SceneSessions(scene, noise, light=light)
     regions = _regions(sessions, request)
@@ -185,7 +185,7 @@ def _regions(sessions: SceneSessions, request: TradeoffRequest) -> tuple[str, ..
     if request.pair is not None and request.pair[0] == request.pair[1]:
         raise ConfigError(f"target and background are both {request.pair[0]}; name two regions")
     if request.wanted.p_detection is not None and request.pair is None:
-        raise ConfigError("a probability of detection is wanted: name target and background")
+        raise ConfigError("the goal of a probability of detection needs target and background")
     return sessions.regions if request.region is None else (request.region,)
 
 
@@ -230,7 +230,7 @@ def _settle_s(disturbances: Disturbances) -> tuple[float, ...]:
 def _reached(
     sessions: SceneSessions, tried: tuple[Session, ...], request: TradeoffRequest, regions: tuple[str, ...]
 ) -> tuple[tuple[Session, Reached], ...]:
-    """Return for each angle set and pattern the shortest session, or why there is none."""
+    """Return for each angle set and pattern the shortest session, or the reason why there is none."""
     if request.wanted.dolp_total is None and request.wanted.p_detection is None:
         return ()
     found = []
@@ -246,7 +246,7 @@ def _reached(
             )
             for session in way
         ]
-        # Where none reaches it, the last is that of the longest exposure: most likely what to look at.
+        # If none reaches the goals, the one of the longest exposure is the most informative.
         unsaturated = [one for one in each if one.obstacle is not Obstacle.SATURATED] or each
         found.append((way[0], shortest(each) or unsaturated[-1]))
     return tuple(found)
@@ -266,7 +266,7 @@ def _best_way(
     """Return the exposure and settling whose error, from one and two cycles, falls fastest in time."""
     usable = [session for session in way if sessions.scheme(session).saturation_probability <= SATURATED]
     if not usable:
-        raise ConfigError("every exposure that was tried saturates; give shorter ones")
+        raise ConfigError("every tried exposure saturates; give shorter ones")
 
     def cost(session: Session) -> float:
         worst = _point(sessions, replace(session, cycles=2), request, regions).worst

@@ -16,7 +16,7 @@ from rigctl.scene.scene import Scene, require_within, with_values
 
 FloatArray = NDArray[np.float64]
 
-# Numbers on which light and air depend: they change least often, so that no sky is solved twice.
+# Numbers of light and air, which change least often so that no sky is solved twice.
 SKY_KEYS = ("sun.", "atmosphere.", "sensor.")
 
 
@@ -25,12 +25,12 @@ class Sweep:
     """Predictions at each point of a grid; the last axis varies fastest."""
 
     axes: tuple[Axis, ...]  #: One or more.
-    quantities: tuple[dict[str, Quantities], ...]  #: For each point, region to quantities.
+    quantities: tuple[dict[str, Quantities], ...]  #: For each point, quantities by region.
     #: For each point, every ordered pair of regions at `SWEPT_RATES`.
     detections: tuple[tuple[PairDetection, ...], ...]
-    rocs: dict[RocKind, tuple[PairDetection, ...]]  #: Kind to a curve for each point; empty where none was asked for.
-    warnings: tuple[tuple[tuple[int, ...], str], ...]  #: Of predictions and detection: place along each axis, words.
-    missing: tuple[tuple[tuple[int, ...], str, str], ...]  #: Numbers that do not exist: place, name and reason.
+    rocs: dict[RocKind, tuple[PairDetection, ...]]  #: A curve for each point by kind; empty unless requested.
+    warnings: tuple[tuple[tuple[int, ...], str], ...]  #: Of predictions and detection: place along each axis, text.
+    missing: tuple[tuple[tuple[int, ...], str, str], ...]  #: Missing numbers: place, name and reason.
 
     @property
     def key(self) -> str:
@@ -53,7 +53,7 @@ class Sweep:
         return tuple(self.quantities[0])
 
     def series(self, region: str, quantity: str, statistic: str) -> FloatArray:
-        """Return one number of a region at each point, in the shape of the grid; not a number where there is none."""
+        """Return one number of a region at each point, in the shape of the grid; nan if missing."""
         found = [step[region].get(quantity, {}).get(statistic, math.nan) for step in self.quantities]
         return np.array(found, dtype=np.float64).reshape(self.shape)
 
@@ -70,13 +70,13 @@ class Sweep:
 
 
 def sweep_over(predictor: ScenePredictor, axes: tuple[Axis, ...], *, roc: RocPair | None = None) -> Sweep:
-    """Return what the model says at each point of a grid."""
+    """Return the prediction at each point of a grid."""
     scenes = swept_scenes(predictor.scene, axes)
     slow = [k for k, axis in enumerate(axes) if axis.key.startswith(SKY_KEYS)]
     found: dict[tuple[int, ...], dict[str, RegionPrediction]] = {}
     for index in sorted(scenes, key=lambda index: tuple(index[k] for k in slow)):
         found[index] = predictor.predictions_of(scenes[index])
-        # The model names what it cannot compute better than a range can; what it could is held to the range as well.
+        # The model reports impossible values better than a range; the others are also checked against the range.
         require_within(predictor.scene, _at(axes, index), option="RANGES")
     return sweep_of(axes, [found[index] for index in scenes], roc=roc)
 
@@ -150,7 +150,7 @@ def sweep_to_tolerance(
     rule: EffectRule = "safe",
     estimated_only: bool = False,
 ) -> tuple[Sweep, Predictions]:
-    """Return what the model says at each point of a grid to a numerical error, and how that was kept."""
+    """Return the prediction at each point of a grid to a numerical error, and how this was achieved."""
     scenes = swept_scenes(predictor.scene, axes)
     shape = tuple(axis.values.size for axis in axes)
     series = predictor.series_to_tolerance(

@@ -1,8 +1,8 @@
 """Error against time of the computation of a scene.
 
-`accuracy_curves` measures, for each of some tolerances, the time that a prediction takes and its true error against
-far finer settings; the same for each numerical setting alone and for fixed choices, those of the paper and a user's;
-and the floor below which a tolerance buys nothing, because the inputs are uncertain.
+`accuracy_curves` measures the time of a prediction and its true error against far finer settings for several
+tolerances, for each numerical setting alone, and for fixed choices of the paper and the user; and the floor below which
+a tolerance is useless because of uncertain inputs.
 """
 
 import time
@@ -41,7 +41,7 @@ from rigctl.scene.scene import Scene, rig_errors, with_value
 Clock = Callable[[], float]
 Truth = Mapping[Reading, Value]
 
-# [MK14] names these, or its text implies them.
+# Stated or implied by [MK14].
 _TILES = {9: 3, 25: 5, 100: 10}
 _DRAWS = (1_000, 10_000, 100_000, 1_000_000)
 _SEED = 2014
@@ -50,11 +50,11 @@ _LEAST_EXCEEDING = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class NamedChoice:
-    """A fixed choice of settings, which states no error of its own."""
+    """A fixed choice of settings without an error estimate."""
 
     name: str  #: In words.
-    seconds: float  #: Of the whole chain with it, nothing being kept from before [s].
-    error: float  #: Largest true error of any number, and whose; 0 and None where no number differs.
+    seconds: float  #: Of the whole chain, without cached results [s].
+    error: float  #: Largest true error of any number, and its key; 0 and None if no number differs.
     reading: Reading | None
     by_user: bool = False  #: Whether the user added it.
 
@@ -62,7 +62,7 @@ class NamedChoice:
 def named_choices(
     scene: LitScene, fine: Settings, truth: Truth, also: Sequence[str] = (), *, clock: Clock = time.perf_counter
 ) -> Iterator[NamedChoice]:
-    """Yield the paper's choices and the user's, each in the place of one of some fine settings.
+    """Yield the choices of the paper and of the user, each replacing one fine setting.
 
     [MK14] eq. (3), (8), (24), (25), section V.
     """
@@ -98,7 +98,7 @@ _RULE, _RULES = "rule", get_args(TileRule)
 
 
 def settings_by(text: str, settings: Settings) -> Settings:
-    """Return settings with some replaced, as "tiles_per_side=3,rule=midpoint" states them."""
+    """Return settings changed by a text such as "tiles_per_side=3,rule=midpoint"."""
     for part in text.split(","):
         key, _, value = (piece.strip() for piece in part.partition("="))
         if key not in (*_ALSO, _RULE) or not value:
@@ -162,11 +162,11 @@ def _first_order(result: ChainResult, truth: Truth) -> NamedChoice:
 
 
 def _drawn(result: ChainResult, truth: Truth, draws: int, clock: Clock) -> Iterator[NamedChoice]:
-    """ROC by random vectors in the place of its integral."""
+    """ROC from random vectors instead of the integral."""
     generator, errors, start = np.random.default_rng(_SEED), {}, clock()
     for pair in result.detections:
         target, background = (result.predictions[name].stokes_dn for name in (pair.target, pair.background))
-        # A threshold that fewer draws than this exceed cannot be drawn at all.
+        # Least draws above a threshold.
         rates = [rate for rate in pair.p_false_alarm if rate * draws >= _LEAST_EXCEEDING]
         try:
             detected, _ = rx_draws(
@@ -191,12 +191,12 @@ def _drawn(result: ChainResult, truth: Truth, draws: int, clock: Clock) -> Itera
 
 FloatArray = NDArray[np.float64]
 
-# The reference is of a tenth of the smallest tolerance shown.
+# Tolerance of the reference over the smallest one shown.
 _FINER = 0.1
-# Levels of a setting that are shown below that of the plan.
+# Levels of a setting below that of the plan.
 _BELOW = 2
 WHOLE_CHAIN = "whole chain"
-# Kinds of numbers, by what a tolerance means for them.
+# Kinds of numbers, by the meaning of a tolerance.
 KINDS = {
     "radiance": "radiance and counts",
     "ratios": "DoLP, s1, s2",
@@ -209,9 +209,9 @@ KINDS = {
 class CurvePoint:
     """One evaluation."""
 
-    varied: str  #: Which numerical setting was varied; `WHOLE_CHAIN` for a prediction to a tolerance.
+    varied: str  #: Varied numerical setting; `WHOLE_CHAIN` for a prediction to a tolerance.
     level: str  #: To what.
-    seconds: float  #: That it took, without anything kept from another.
+    seconds: float  #: Without cached results [s].
     #: Largest error of any reading that is guaranteed: true and as estimated. Of one setting its own, against finer
     #: levels of it alone.
     true: float
@@ -221,7 +221,7 @@ class CurvePoint:
 
 @dataclass(frozen=True, kw_only=True)
 class DigitPoint:
-    """What one kind of number costs: its largest true error, and the time that it took with all others [s]."""
+    """Cost of one kind of number: its largest true error, and the time for all numbers [s]."""
 
     quantity: str
     error: float
@@ -234,7 +234,7 @@ class Curves:
 
     points: tuple[CurvePoint, ...]  #: Of the whole chain and of each setting.
     predictions: tuple[Predicted, ...]
-    #: Reading to the standard deviation that the uncertain inputs give it, in the units of a tolerance.
+    #: Standard deviation of each reading from the uncertain inputs, in the units of a tolerance.
     floor: dict[Reading, float]
     reference_s: float  #: Time of the finest settings [s].
     named: tuple[NamedChoice, ...] = ()  #: The paper's choices and the user's.
@@ -242,7 +242,7 @@ class Curves:
 
     @property
     def front(self) -> tuple[CurvePoint, ...]:
-        """Points than which none is both faster and better, from fast to good."""
+        """Pareto front: points without a faster and better one, from fast to good."""
         found: list[CurvePoint] = []
         for point in sorted(self.points, key=lambda one: (one.seconds, one.whole)):
             if not found or point.whole < found[-1].whole:
@@ -257,7 +257,7 @@ def accuracy_curves(
     also: Sequence[str] = (),
     clock: Clock = time.process_time,
 ) -> Iterator[str | Curves]:
-    """Yield what is being done, in words, and last the curves."""
+    """Yield the current work in words, and finally the curves."""
     scene = predictor.lit_scene()
     coarsest = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), max(tolerances))
     for text in also:
@@ -309,18 +309,18 @@ def estimates_share(found: Predicted) -> float:
 
 
 def _fastest(scene: LitScene, tolerance: float, clock: Clock) -> Predicted:
-    """Return the faster of two predictions: a time is what it takes, not what else the machine does."""
+    """Return the faster of two predictions, to exclude other load of the machine."""
     found = [predict([scene], tolerance=tolerance, clock=clock).cases[0] for _ in range(2)]
     return min(found, key=lambda one: sum(one.stage_s.values()))
 
 
 def steps(tolerances: Sequence[float]) -> int:
-    """Return how many steps `accuracy_curves` takes."""
+    """Return the number of steps of `accuracy_curves`."""
     return len(tolerances) + len(NUMERICAL_SETTINGS) + 3
 
 
 def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
-    """Return the deviation that the uncertain inputs give each reading, in the units of a tolerance.
+    """Return the deviation of each reading from the uncertain inputs, in the units of a tolerance.
 
     Definition: central differences of one standard deviation, and the covariance of the inputs.
     """
@@ -333,7 +333,7 @@ def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
         result, errors = evaluate(predictor.lit_scene(scene), coarse, store=store), rig_errors(scene)
         if errors is None:
             return result.readings
-        # What is not known of the rig moves all but the chances of detection, which no rig's error is carried to.
+        # Errors of the rig affect all readings except probabilities of detection.
         return readings(result.scenario, predict_with_errors(result.scenario, errors), result.detections)
 
     def tried(name: str, value: float) -> Readings | None:
@@ -348,7 +348,7 @@ def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
         name, value, step = inputs.names[place], float(inputs.values[place]), float(deviations[place])
         low = max(value - step, float(inputs.least[place]))
         sides = [(moved, found) for moved in (value + step, low) if (found := tried(name, moved)) is not None]
-        # Where one side is not possible, such as an albedo above 1, the other tells alone.
+        # If one side is impossible, such as an albedo above 1, the other is used.
         (high, above), (low, below) = (*sides, (value, base))[:2]
         slopes[:, place] = [_slope(base[key], above.get(key), below.get(key), high - low) for key in base]
     variances = np.einsum("qi,ij,qj->q", slopes, inputs.cov, slopes)
@@ -387,9 +387,9 @@ def _digits(found: Predicted, truth: Readings) -> Iterator[DigitPoint]:
 
 
 def _of_setting(scene: LitScene, varied: str, middle: Predicted, whole: Readings, clock: Clock) -> list[CurvePoint]:
-    """One setting over its levels about that of a plan; the finest is the truth.
+    """One setting over its levels around that of a plan; the finest is the reference.
 
-    The others are finer than the plan has them, so that what they leave does not show in the curve.
+    Other settings are finer than in the plan, so that their errors do not affect the curve.
     """
     top = min(middle.plan[varied] + 2, len(NUMERICAL_SETTINGS[varied].levels) - 1)
     levels = range(max(middle.plan[varied] - _BELOW, 0), top + 1)
@@ -413,7 +413,7 @@ def _of_setting(scene: LitScene, varied: str, middle: Predicted, whole: Readings
 
 
 def _largest(own: Readings, truth: Readings) -> float:
-    """Largest difference of the readings that both have."""
+    """Largest difference of common readings."""
     return max((error for error in differences(own, truth).values() if np.isfinite(error)), default=0.0)
 
 

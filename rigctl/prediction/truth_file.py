@@ -1,4 +1,4 @@
-"""The light of a scene of materials written down as plain radiances, for simulators that know no model."""
+"""The light of a scene of materials written as plain radiances, for simulators without the model."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -18,9 +18,9 @@ _NOT_OF_THE_TRUTH = {"sun", "geometry", "atmosphere", "field_of_view", "errors",
 
 
 def write_truth(scene_path: Path, out: Path, *, changes: Mapping[str, float] | None = None) -> None:
-    """Write a scene as a scene file in which every region states its radiance, as a simulated rig can paint it."""
+    """Write a scene file in which every region states its radiance, for a simulated rig."""
     file = load_scene(scene_path)
-    # A rig errs when frames are taken, not in their light.
+    # Errors of the rig are not part of the light.
     scene = with_values(replace(scene_of_file(file), rig=None), changes or {})
     scenario = build_scenario(scene, readout=readout_of(scene), exposure_s=scene.exposure_s)
     regions = [

@@ -52,7 +52,7 @@ def test_region_is_found_again_after_the_camera_moved(tmp_path: Path) -> None:
 
 def test_a_lost_marker_is_an_error_that_names_region_and_marker() -> None:
     square = [(0.0, 0.0), (9.0, 0.0), (9.0, 9.0), (0.0, 9.0)]
-    with pytest.raises(DataError, match=r"region panel: none of its markers is seen .number 3 of 4x4_50"):
+    with pytest.raises(DataError, match=r"region panel: none of its markers is visible .number 3 of 4x4_50"):
         follow_markers(drawn([Marker(id=3, corners=square)]), [Marker(id=5, corners=square)])
 
 

@@ -80,7 +80,7 @@ def test_each_part_can_be_predicted_alone(store, tmp_path):
 
 
 def test_a_part_of_given_radiance_is_refused():
-    with pytest.raises(ConfigError, match=r"no region of .* is given by its material"):
+    with pytest.raises(ConfigError, match=r"no region of .* has a material"):
         ScenePredictor(load_scene(EXAMPLES / "scene-panels.toml"), None, source="path")
 
 

@@ -119,8 +119,8 @@ def test_nothing_wanted_nothing_proposed(scene):
     [
         (TradeoffRequest(region="roof"), "no region roof; the scene has left, right"),
         (TradeoffRequest(pair=("left", "left")), "target and background are both left"),
-        (TradeoffRequest(wanted=Wanted(p_detection=0.5)), "name target and background"),
-        (TradeoffRequest(exposures_s=(1.0,)), "every exposure that was tried saturates"),
+        (TradeoffRequest(wanted=Wanted(p_detection=0.5)), "needs target and background"),
+        (TradeoffRequest(exposures_s=(1.0,)), "every tried exposure saturates"),
     ],
 )
 def test_requests_that_cannot_be_met_are_refused(scene, request_, problem):

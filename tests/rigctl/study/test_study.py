@@ -197,7 +197,7 @@ def test_workers_that_do_not_start_are_told(monkeypatch):
 
 def test_no_scheduler_is_a_clear_error(tmp_path, monkeypatch):
     monkeypatch.setattr("rigctl.mapped._CONNECT_S", 0.5)
-    with pytest.raises(ConfigError, match="no scheduler of dask answers there"):
+    with pytest.raises(ConfigError, match="no dask scheduler answers there"):
         computed(study_file(tmp_path, GRID), "tcp://127.0.0.1:9")
 
 

@@ -234,7 +234,7 @@ def test_a_task_that_ends_its_workers_is_taken_apart_and_costs_no_other(monkeypa
         parts=lambda task: tuple((number,) for number in task),
         lost=lambda task, reason: reason,
     )
-    assert kept.pop((5,)).startswith("every worker that had it ended")
+    assert kept.pop((5,)).startswith("every worker with this task ended")
     assert kept == {(0, 2): "done", (4,): "done", (6, 8): "done", (10, 12): "done", (14, 16): "done"}
 
 
@@ -244,7 +244,7 @@ def test_a_scheduler_that_goes_away_is_told(monkeypatch):
             return Finished(str(task), OSError("gone"))
 
     monkeypatch.setattr(distributed, "as_completed", PatientQueue)
-    with pytest.raises(DataError, match="the scheduler is gone with"):
+    with pytest.raises(DataError, match="the scheduler was lost with"):
         on_dask.compute_all(
             Gone(), str, iter([(0,)]), lambda *_: None, parts=lambda task: (task,), lost=lambda task, reason: reason
         )
