@@ -61,7 +61,7 @@ def test_markers_that_moved_apart_are_refused() -> None:
     places = [square + np.array(shift) for shift in ((0.0, 0.0), (300.0, 0.0), (0.0, 200.0), (300.0, 200.0))]
     before = [Marker(id=k, corners=place.tolist()) for k, place in enumerate(places)]
     now = [*before[:3], Marker(id=3, corners=(places[3] + 20.0).tolist())]
-    with pytest.raises(DataError, match="did not move as one plane"):
+    with pytest.raises(DataError, match="did not move as a plane"):
         follow_markers(drawn(before), now)
 
 

@@ -133,7 +133,7 @@ def _rows(commands, mistakes):
     ]
 
 
-_UNPLACEABLE = [("run/x", "takes no results"), ("/proc/x", "cannot be written")]
+_UNPLACEABLE = [("run/x", "does not accept results"), ("/proc/x", "cannot be written")]
 # The same function judges all of a kind: one command of each stands for these.
 _RARE = [("session.toml/x", "folder"), ("n" * 300, "File name too long"), ("loop", "Too many levels of symbolic links")]
 _RARE_FILES = [
@@ -141,7 +141,7 @@ _RARE_FILES = [
     ("link-to-mine", "not written by rigctl"),
     ("fifo", "not a regular file"),
     ("/dev/full", "not a regular file"),
-    ("broken-run/x", "takes no results"),
+    ("broken-run/x", "does not accept results"),
 ]
 
 
@@ -150,9 +150,9 @@ _RARE_FILES = [
     [
         *_rows(_FILES, [*_UNPLACEABLE, ("session.toml", "not written by rigctl"), (".", "is a folder")]),
         *_rows({"find-rare": _FILES["find"], "noise-rare": _FILES["noise"]}, [*_RARE, *_RARE_FILES]),
-        *_rows(_FOLDERS, [*_UNPLACEABLE, ("session.toml", "is a file"), ("run", "takes no results")]),
+        *_rows(_FOLDERS, [*_UNPLACEABLE, ("session.toml", "is a file"), ("run", "does not accept results")]),
         *_rows(
-            {"stokes-rare": _FOLDERS["stokes"]}, [*_RARE, ("into-run/x", "takes no results"), ("full", "is a folder")]
+            {"stokes-rare": _FOLDERS["stokes"]}, [*_RARE, ("into-run/x", "does not accept results"), ("full", "is a folder")]
         ),
         *_rows(_NEW, [*_UNPLACEABLE, ("session.toml", "is not a folder"), (".", "is not empty")]),
         *_rows({"acquire-rare": _NEW["acquire"]}, _RARE),

@@ -60,7 +60,7 @@ def test_a_file_is_judged_before_it_is_read(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "nowhere")
-    said = {"sparse": "8590 MB", "pipe": "no plain file", "folder": "is a folder", "link": "No such file"}
+    said = {"sparse": "8590 MB", "pipe": "not a plain file", "folder": "is a folder", "link": "No such file"}
     for name, words in said.items():
         with pytest.raises(OSError, match=words):
             read_bounded(tmp_path / name, 1_000_000)

@@ -98,7 +98,7 @@ OUTSIDE = Region(name="far", rectangle=Rectangle(x=45, y=5, width=30, height=30)
     [
         ([(at(a, black_level_dn=None), 500) for a in (0, 60, 120)], [], DataError, "without light"),
         ([(at(a), 4095) for a in (0, 60, 120)], [REGION], DataError, "middle: 0 pixels are left of 900"),
-        ([(at(a), 900) for a in (0, 90, 180)], [], DataError, r"at 2 angles that differ.*0, 90 deg.*three"),
+        ([(at(a), 900) for a in (0, 90, 180)], [], DataError, r"have 2 angles that differ.*0, 90 deg.*three"),
         ([(at(a), 900) for a in (0, 60, 120)], [OUTSIDE], ConfigError, "far"),
     ],
     ids=["no dark level", "saturated", "singular angles", "outside"],

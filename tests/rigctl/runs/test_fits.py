@@ -73,7 +73,7 @@ def test_cut_off_file_is_refused(length):
 
 def test_file_without_its_last_block_is_refused_though_zeros_do_not_change_a_sum():
     data = encode_frame(np.full((60, 60), 32768, dtype=np.uint16), {})
-    with pytest.raises(DataError, match="samples take"):
+    with pytest.raises(DataError, match="bytes do not fit"):
         decode_frame(data[:-2880])
 
 

@@ -255,7 +255,7 @@ def test_every_problem_is_named_at_once(run_path):
         "schema_version is 3",
         "manifest.jsonl: line 4",
         "000001_scene_a045.fits: missing",
-        "sequence 0 stands 2 times",
+        "sequence 0 occurs 2 times",
     ):
         assert text in str(caught.value)
 

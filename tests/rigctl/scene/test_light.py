@@ -253,7 +253,7 @@ def test_doubt_about_the_kind_is_carried_to_dolp(tmp_path, store, value):
 def test_the_remarks_name_the_doubt(tmp_path, store):
     scene = scene_of(tmp_path, SCENE.replace(AIR, AIR + ALTERNATIVE % (0.1, 0.2)))
     remarks = " ".join(SceneLight(store).remarks(scene))
-    assert "with a share of 0.1 +- 0.2 of the light as if it were polarizing tropospheric" in remarks
+    assert "with a share of 0.1 +- 0.2 of the light of polarizing tropospheric" in remarks
 
 
 def test_what_an_alternative_leaves_out_is_as_it_was(tmp_path, store):

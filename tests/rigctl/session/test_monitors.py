@@ -219,5 +219,5 @@ def test_options_that_cannot_be_are_refused(options: dict, words: str) -> None:
 
 def test_readings_without_a_time_are_refused_by_name() -> None:
     facts = {"sequence": 0, "read_utc": "soon", "readings": {"air": 1.0}, "problems": {}}
-    with pytest.raises(RunFolderError, match="no time in UTC"):
+    with pytest.raises(RunFolderError, match="must be a time in UTC"):
         monitor_traces([RunEvent(event="monitor readings", facts=facts)])
