@@ -152,7 +152,8 @@ _RARE_FILES = [
         *_rows({"find-rare": _FILES["find"], "noise-rare": _FILES["noise"]}, [*_RARE, *_RARE_FILES]),
         *_rows(_FOLDERS, [*_UNPLACEABLE, ("session.toml", "is a file"), ("run", "does not accept results")]),
         *_rows(
-            {"stokes-rare": _FOLDERS["stokes"]}, [*_RARE, ("into-run/x", "does not accept results"), ("full", "is a folder")]
+            {"stokes-rare": _FOLDERS["stokes"]},
+            [*_RARE, ("into-run/x", "does not accept results"), ("full", "is a folder")],
         ),
         *_rows(_NEW, [*_UNPLACEABLE, ("session.toml", "is not a folder"), (".", "is not empty")]),
         *_rows({"acquire-rare": _NEW["acquire"]}, _RARE),
