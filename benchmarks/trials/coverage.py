@@ -210,6 +210,7 @@ def noise_text(case: Case) -> str:
     return json.dumps(
         {
             "schema_version": 2,
+            "kind": "noise",
             "gain_dn_per_e": exact(case.gain),
             "read_noise_e": exact(case.read_e),
             "dark_current_e_per_s": exact(0.0),

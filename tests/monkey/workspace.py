@@ -78,8 +78,10 @@ def _write_calibrations(folder: Path) -> None:
     noise = {name: {"value": value, "std_error": 0.01 * value, "n": 64} for name, value in _NOISE.items()}
     names, errors = list(_NOISE), np.array([0.01 * value for value in _NOISE.values()])
     joint = {"names": names, "matrix": np.diag(errors**2).tolist()}
-    (folder / "noise.json").write_text(json.dumps(dated | noise | {"covariance": joint, "flags": []}, indent=1))
-    axis = {"sense": -1, "offset_deg": {"value": 31.7, "std_error": 0.01}}
+    (folder / "noise.json").write_text(
+        json.dumps(dated | {"kind": "noise"} | noise | {"covariance": joint, "flags": []}, indent=1)
+    )
+    axis = {"kind": "polarizer", "sense": -1, "offset_deg": {"value": 31.7, "std_error": 0.01}}
     (folder / "polarizer.json").write_text(json.dumps(dated | axis, indent=1))
 
 
