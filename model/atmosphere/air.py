@@ -346,7 +346,7 @@ def face_heights_m(*, fine: bool, cuts: int, face_m: float) -> NDArray[np.float6
     near = [face_m] if 0.0 < face_m < heights_m[-1] else []
     while near and near[-1] * _GROWTH < heights_m[1]:
         near.append(near[-1] * _GROWTH)
-    faces = np.union1d(heights_m, near)
+    faces: NDArray[np.float64] = np.array(sorted({*heights_m.tolist(), *near}))
     return np.interp(np.arange((faces.size - 1) * cuts + 1) / cuts, np.arange(faces.size), faces)
 
 

@@ -630,7 +630,7 @@ def spectral_rule(
     stretch = np.searchsorted(np.sort(-1.0 / np.array([*kinks_m], dtype=float)), -inverse)
     width = abs(float(inverse[-1] - inverse[0])) or 1.0
     parts = []
-    for own in (stretch == k for k in np.unique(stretch)):
+    for own in (stretch == k for k in sorted(set(stretch.tolist()))):
         share = abs(float(inverse[own][-1] - inverse[own][0])) / width
         parts.append(_gauss(inverse[own], weight[own], max(ceil(count * share - _ROUNDING), 1)))
     return SpectralRule(

@@ -561,10 +561,9 @@ class SceneLight:
     @cached_property
     def lights(self) -> LightStore:
         """The model's cache of lights."""
-        from model.atmosphere.sasktran2_engine import sasktran2_solution
-
-        own = self._solved if self._is_kept else solve
-        solver: LightSolver = own if self._engine == "own" else sasktran2_solution
+        solver: LightSolver = self._solved if self._is_kept else solve
+        if self._engine != "own":
+            from model.atmosphere.sasktran2_engine import sasktran2_solution as solver
         tell = self._tell
 
         def told(layers: "tuple[Layer, ...]", **how: "Unpack[HowToSolve]") -> "DiffuseLight":
