@@ -115,8 +115,10 @@ def look(
         largest_dn=largest,
     )
     write_durably(Path(out), uncalibrated_pictures(maps))
-    note(f"{out}: S0, DoLP and AoLP, {_LABEL}: dark level, exposure and response are not taken into account")
-    note("measured: rigctl import RUN FILES --same-exposure --black-level-dn X --stokes FOLDER")
+    note(
+        f"{out}: S0, DoLP and AoLP, {_LABEL}: dark level, exposure and response are not taken into account", below=True
+    )
+    note("measured: rigctl import RUN FILES --same-exposure --black-level-dn X --stokes FOLDER", below=True)
     return result
 
 

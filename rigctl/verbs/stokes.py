@@ -232,6 +232,7 @@ class StokesResult(Result):
         from rigctl.report.prediction import quantity_tables
 
         yield self._answer()
+        yield self._clipped()
         regions = self.measurement.regions
         if regions and not self.is_wide:
             shown = dict(list(regions.items())[:_MOST_ROWS])
@@ -268,16 +269,19 @@ class StokesResult(Result):
         middle, low_share, high_share = np.percentile(good, (50, 5, 95))
         return f"DoLP {middle:.4f} (median; 90 % of the pixels {low_share:.4f} to {high_share:.4f})"
 
-    def _faults(self) -> Iterable[str]:
+    def _clipped(self) -> str:
         from rigctl.base.numbers import percent
-        from rigctl.comparison.checks import said_of
-        from rigctl.measure.faults import term_text
 
         high, low = (percent(share) for share in self.measurement.clipped_shares)
         missing = float(self.measurement.missing.mean())
-        yield f"clipped in one frame or more: {high} of the pixels at the upper end, {low} at 0" + (
+        return f"clipped in one frame or more: {high} of the pixels at the upper end, {low} at 0" + (
             f"; missing: {percent(missing)}" if missing else ""
         )
+
+    def _faults(self) -> Iterable[str]:
+        from rigctl.comparison.checks import said_of
+        from rigctl.measure.faults import term_text
+
         yield from (f"the run shows {term_text(term)}" for term in self.run.diagnosis.mentioned)
         yield from (f"{title}: {text}" for title, text in said_of(self.checks, "flagged", "refused"))
         yield from (f"{name} cannot be measured: {why}" for name, why in self.measurement.unmeasured.items())
