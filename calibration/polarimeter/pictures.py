@@ -360,7 +360,7 @@ def flat_field(frames: Iterable[NDArray[np.uint16]], dark_dn: FloatArray) -> Fla
         means.append(float(signal.mean()))
     count = len(means)
     if count < _LEAST_FRAMES:
-        raise CalibrationError(f"{count} flat frames at an angle; at least two are needed to know their noise")
+        raise CalibrationError(f"flat frames at each angle must be two or more, to know their noise; given: {count}")
     mean_dn = float(np.mean(means))
     if mean_dn <= 0.0:
         raise CalibrationError("flat frames are not brighter than dark frames: check the lamp and the exposures")
