@@ -288,7 +288,7 @@ def test_the_listing_says_which_errors_go_together(tmp_path, capsys):
     assert main(["predict", str(scene), "--uncertainty"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "errors of geometry.camera_zenith_deg and geometry.camera_azimuth_deg go together: correlation -0.60" in said
-    assert "as [pointing] says" in said
+    assert "as [pointing] states" in said
 
 
 def test_the_truth_is_a_scene_file_of_the_same_light(tmp_path):
