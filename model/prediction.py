@@ -314,7 +314,8 @@ def _of_one_plan(several: Sequence[_Read]) -> Iterator[RegionPrediction]:
     cycles = np.array([one.cycles for one in several])[:, None, None]
     covs = {"std": spatial + temporal, "std_temporal": temporal, "std_spatial_mean": spatial + temporal / cycles}
     stokes_covs = {name: plan.inverse @ cov @ plan.inverse.T for name, cov in covs.items()}
-    stokes = Moments(mean=mean @ plan.inverse.T, cov=stokes_covs["std"])
+    # One at a time: where S2 is 0 but for rounding, the angle is 0 or just below 180 deg by the order of the sum.
+    stokes = Moments(mean=np.stack([plan.inverse @ one for one in mean]), cov=stokes_covs["std"])
     of_counts, of_stokes, ratios = _linear(mean, covs), _linear(stokes.mean, stokes_covs), _ratios(stokes)
     for k, one in enumerate(several):
         yield RegionPrediction(
