@@ -1,6 +1,6 @@
-"""Flat fields, one for each polarizer angle: from the frames of a run, and as ``flat.npz`` holds them.
+"""Flat fields, one for each polarizer angle: measured from the frames of a run, and read from ``flat.npz``.
 
-The file has a picture of the response and of its error for each angle, and facts as JSON.
+For each angle the file has a picture of the response and of its error; everything else is JSON.
 """
 
 import io
@@ -29,9 +29,9 @@ from rigctl.runs.records import FrameRecord
 FloatArray = NDArray[np.float64]
 
 SCHEMA_VERSION = 1
-# Share of saturated pixels in a frame beyond which it is no flat.
+# A flat has at most this share of saturated pixels.
 _MOST_SATURATED = 1e-3
-# A flat this near to an angle is of that angle.
+# Largest difference between the angle of a frame and that of its flat.
 _NEAR_DEG = 0.5
 
 
@@ -45,7 +45,7 @@ class RunFlat:
     records: tuple[FrameRecord, ...]  #: The frames.
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return the numbers of each angle, throughput as light of the angle over the mean of all angles."""
+        """Return the results for each angle; throughput is light at the angle over the mean of all angles."""
         mean_dn = float(np.mean([flat.mean_dn for flat in self.flats]))
         return [
             {
@@ -60,15 +60,15 @@ class RunFlat:
         ]
 
     def content(self, run: Run, *, valid_days: float | None = None) -> dict[str, Json]:
-        """Return the facts of the file, without its pictures."""
+        """Return the content of the file without its pictures."""
         header = header_of(
             "flat", SCHEMA_VERSION, source=source_of_run(run), run=run, records=self.records, valid_days=valid_days
         )
         return header | {
             "exposure_s": self.exposure_s,
             "angles": self.rows(),
-            "throughput": "over the mean of the angles; "
-            "the polarizer's own only if the light is unpolarized and steady",
+            "throughput": "over the mean of the angles; that of the polarizer only if the light is unpolarized and "
+            "steady",
         }
 
     def npz(self, content: Mapping[str, Json]) -> bytes:
@@ -85,7 +85,7 @@ class RunFlat:
 
 
 def flat_of_run(run: Run) -> RunFlat:
-    """Return the flat fields of a run, of its longest exposure that does not saturate."""
+    """Return the flat fields of a run from its longest exposure that does not saturate."""
     flats = [one for one in run.frames if one.kind == "flat" and one.polarizer_angle_deg is not None]
     usable = [one for one in flats if one.saturated_fraction <= _MOST_SATURATED and one.exposure_s is not None]
     if not usable:
@@ -138,7 +138,7 @@ def _dark_dn(run: Run, flat: FrameRecord) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True)
 class FlatFacts(CalibrationRecord):
-    """Facts of the file without its pictures, as far as the program uses them."""
+    """Content of the file without its pictures, as far as the program uses it."""
 
     KIND = "flat"
     MADE_BY = "a flat field is made by `rigctl calibrate flat`"
@@ -154,11 +154,11 @@ class FlatFacts(CalibrationRecord):
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Return the facts of a file without its pictures."""
+        """Return the content of a file without its pictures."""
         try:
             return checked_record(path, read_arrays(path, only=("facts",))["facts"].tobytes(), cls, made_by=cls.MADE_BY)
         except KeyError as error:
-            raise DataError(f"{path}: holds no flat fields; they are made by `rigctl calibrate flat`") from error
+            raise DataError(f"{path}: is not a file of flat fields from `rigctl calibrate flat`") from error
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -169,7 +169,7 @@ class FlatFields:
 
     facts: FlatFacts  #: devices, settings and time
     angles_deg: FloatArray  #: Polarizer angles [deg].
-    response: FloatArray  #: Of each pixel over the mean of its angle.
+    response: FloatArray  #: Response of each pixel over the mean at its angle.
     std_error: FloatArray
 
     def __post_init__(self) -> None:
@@ -177,7 +177,7 @@ class FlatFields:
             raise ValueError(f"angles_deg has the shape {self.angles_deg.shape}, must be a row of one or more")
         for name, pictures in (("response", self.response), ("std_error", self.std_error)):
             if pictures.ndim != 3 or pictures.shape != (len(self.angles_deg), *self.response.shape[1:]):
-                raise ValueError(f"{name} has the shape {pictures.shape}, must be a picture for each of its angles")
+                raise ValueError(f"{name} has the shape {pictures.shape}, must have a picture for each of its angles")
         for name in ("angles_deg", "response", "std_error"):
             if not np.isfinite(getattr(self, name)).all():
                 raise ValueError(f"{name} holds a number that is not finite")
@@ -186,7 +186,7 @@ class FlatFields:
 
     @classmethod
     def read_fitting(cls, path: Path, run: Run) -> tuple["FlatFields", tuple[str, ...]]:
-        """Return flat fields for the scene frames of a run, and what is doubtful about them, in words."""
+        """Return flat fields for the scene frames of a run, and doubts about them as text."""
         flats = _read(path)
         sizes = {(record.height, record.width) for record in run.frames if record.kind == "scene"}
         if sizes != {flats.response.shape[1:]}:
@@ -196,7 +196,7 @@ class FlatFields:
         return flats, flats.facts.doubts(made_for_scene(run))
 
     def place(self, polarizer_deg: float) -> int:
-        """Return the place of the flat of a polarizer angle."""
+        """Return the index of the flat for a polarizer angle."""
         apart = np.abs(wrapped(self.angles_deg - polarizer_deg, turn=180.0))
         nearest = int(np.argmin(apart))
         if apart[nearest] > _NEAR_DEG:

@@ -1,4 +1,4 @@
-"""Lens calibrations as their files hold them (``lens.json``): focal lengths, principal point, distortion."""
+"""Lens calibrations (``lens.json``): focal lengths, principal point, distortion."""
 
 import time
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ Number = Measured[Bounded]
 
 @dataclass(frozen=True, kw_only=True)
 class LensFile:
-    """A lens calibration as its file holds it: focal lengths and principal point [pixel], distortion."""
+    """Content of a lens calibration: focal lengths and principal point [pixel], distortion."""
 
     schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
     kind: Literal["lens"]

@@ -1,8 +1,8 @@
-"""Kinds of calibrations, what each was made for, and whether it fits frames.
+"""Kinds of calibrations, the devices and settings of each, and the check that it fits frames.
 
 A calibration belongs to the devices and settings of its frames, and holds for some time (`MadeFor`). Frames of another
-camera or setting are refused (`require_fit`); a calibration that is old, or of another temperature, gives a warning.
-Values of calibration files are finite and inside their ranges (`Measured`, `Bounded`), or the file is refused.
+camera or setting are refused (`require_fit`); a calibration that is old, or of another temperature, gives a warning. A
+file with a value that is not finite or out of range is refused (`Measured`, `Bounded`).
 """
 
 import re
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rigctl.runs.folder import Run
     from rigctl.runs.records import FrameRecord
 
-# No quantity of a camera or a stage is larger, in any unit that a file has it in, and the square of it is finite.
+# Larger than any quantity of a camera or a stage in any unit of a file; its square is finite.
 _LARGEST = 1e12
 
 Bounded = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
@@ -49,7 +49,7 @@ class Kind:
     record: str  #: module of this package, and class that reads it as a `CalibrationRecord` does
     of_stage: bool  #: belongs to a stage too
     of_gain: bool  #: depends on gain, bit depth and binning
-    valid_days: float  #: trusted for so long where the file does not say; a choice
+    valid_days: float  #: validity where the file states none; a choice
 
 
 KINDS: Mapping[CalibrationKind, Kind] = {
@@ -80,20 +80,20 @@ KINDS: Mapping[CalibrationKind, Kind] = {
 }
 
 
-# Files state their kind near the beginning.
+# A file states its kind within this many characters.
 _HEAD_BYTES = 1000
 _KIND = re.compile(rb'"kind"\s*:\s*"([a-z]{3,20})"')
 
 
 def record_of(kind: CalibrationKind) -> "type[CalibrationRecord]":
-    """Return the class of a kind, imported when it is needed: that takes a tenth of a second."""
+    """Return the class of a kind; it is imported only when needed, as that takes a tenth of a second."""
     module, _, name = KINDS[kind].record.partition(":")
     found: type[CalibrationRecord] = getattr(import_module(f"rigctl.calibrations.{module}"), name)
     return found
 
 
 def kind_of(file: Path) -> CalibrationKind | None:
-    """Return the kind of a calibration, by the beginning of its file; None of any other file."""
+    """Return the kind of a calibration from the beginning of its file; None for any other file."""
     if file.suffix == ".npz":
         return "flat"
     try:
@@ -114,7 +114,7 @@ class Measured(Generic[_Number]):
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredOverFrames(Generic[_Number]):
-    """As `Measured`, and from how many frames it was made."""
+    """As `Measured`, with the number of frames."""
 
     value: _Number
     std_error: NotNegative
@@ -122,7 +122,7 @@ class MeasuredOverFrames(Generic[_Number]):
 
 
 def at_least(count: int) -> AfterValidator:
-    """Return a validator that refuses a list with fewer items, after the items themselves."""
+    """Return a validator that checks the items of a list, then their number."""
 
     def checked(items: tuple[_Item, ...]) -> tuple[_Item, ...]:
         if len(items) < count:
@@ -147,7 +147,7 @@ Count = Annotated[int, Field(ge=1)]
 
 @dataclass(frozen=True, kw_only=True)
 class MadeFor:
-    """Devices, settings and time of frames; None is "not known", or differs from frame to frame."""
+    """Devices, settings and time of frames; None where not known or not the same for all frames."""
 
     camera_model: str | None = None  #: devices
     camera_serial: str | None = None
@@ -156,14 +156,14 @@ class MadeFor:
     gain_db: Bounded | None = None  #: The camera's gain setting [dB].
     bit_depth: Count | None = None  #: Bits of a sample.
     pixel_format: str | None = None  #: format of samples on the wire, such as Mono12Packed
-    binning: Count | None = None  #: Pixels of the sensor that make one of the picture, along each side.
-    temperature_c: Bounded | None = None  #: Of the camera, as it says itself; the mean over the frames [deg C].
+    binning: Count | None = None  #: Pixels of the sensor per pixel of the picture, along each side.
+    temperature_c: Bounded | None = None  #: Read from the camera; the mean over the frames [deg C].
     taken_utc: UtcText | None = None  #: Start of the last frame.
-    valid_days: NotNegative | None = None  #: For how long its maker trusts it.
+    valid_days: NotNegative | None = None  #: Validity that its maker stated.
     exposure_range_s: tuple[NotNegative, NotNegative] | None = None  #: Exposures of the frames [s].
 
     def as_json(self) -> dict[str, Json]:
-        """Return it as calibration files hold it, under ``made_for``."""
+        """Return the ``made_for`` of a calibration file."""
         return asdict(self)
 
 
@@ -202,7 +202,7 @@ def made_for_rig(rig: "RigFile", *, now_utc: str) -> MadeFor:
 
 
 def made_for_of_file(kind: CalibrationKind, made_for: MadeFor | None, *, created_utc: str | None) -> MadeFor:
-    """Return what a calibration was made for, completed from the time of its file and the defaults of its kind."""
+    """Return the devices, settings and time of a calibration; time of its file and validity of its kind by default."""
     found = MadeFor() if made_for is None else made_for
     if found.valid_days is None:
         found = replace(found, valid_days=KINDS[kind].valid_days)
@@ -224,14 +224,14 @@ def _shared(facts: Iterable[_Fact | None]) -> _Fact | None:
     return different.pop() if len(different) == 1 else None
 
 
-# What has to be the same, by what it is called, as far as both sides know it. A gain is a number that was read back.
+# Names of everything that must be equal where both sides know it. A gain was read back, so it may differ slightly.
 _CAMERA = {"camera serial number": "camera_serial"}
 _SETTINGS = {"gain setting [dB]": "gain_db", "bit depth": "bit_depth", "binning": "binning"}
 _STAGE = {"stage serial number": "stage_serial"}
 _GAIN_STEP_DB = 0.05
-# Dark current doubles every 6 to 8 K: beyond this it is off by a half and more.
+# Dark current doubles every 6 to 8 K: beyond this difference it is wrong by half or more.
 _TEMPERATURE_STEP_K = 5.0
-# In exposures that are longer by more than this, dark current shows that the calibration hardly measured: a choice.
+# Beyond this ratio of exposures, dark current matters that the calibration hardly measured; a choice.
 _LONGER = 10.0
 _SECONDS_A_DAY = 86400.0
 
@@ -242,8 +242,8 @@ def require_fit(kind: CalibrationKind, calibration: MadeFor, used: MadeFor) -> t
     wrong = misfits(kind, calibration, used)
     if wrong:
         raise DataError(
-            f"the {what} is not of these devices as they were set: {'; '.join(wrong)}; "
-            "give the calibration that belongs to them, or make one (rigctl calibrate)"
+            f"the {what} was made for other devices or settings: {'; '.join(wrong)}; give the calibration that belongs "
+            "to them, or make one (rigctl calibrate)"
         )
     return tuple(_doubts(what, calibration, used))
 
@@ -297,8 +297,8 @@ def _doubts(what: str, calibration: MadeFor, used: MadeFor) -> Iterable[str]:
     days = age_days(calibration, used)
     if days is not None and is_too_old(calibration, used):
         yield (
-            f"{what}: {abs(days):.0f} days lie between it and the frames, and it holds for "
-            f"{calibration.valid_days:g}: make a new one, or say --valid-days when you make one"
+            f"{what}: made {abs(days):.0f} days from the frames, valid for {calibration.valid_days:g}: make a new one, "
+            "or give --valid-days when you make one"
         )
     if temperature_step_k(calibration, used) is not None:
         yield (

@@ -1,4 +1,4 @@
-"""Noise calibrations as their files hold them (``noise.json``): quantities with errors, their covariance, flags."""
+"""Noise calibrations (``noise.json``): quantities with errors, their covariance, flags."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,14 +26,14 @@ QUANTITIES = (
     "prnu",
     "dsnu_e",
 )
-# Asymmetry and negative eigenvalues of a covariance that rounding of its printed digits can make.
+# Asymmetry and negative eigenvalues of a covariance that rounding can cause.
 _ROUNDING = 1e-9
 # Of an estimate's square in any unit; see the largest number of a file.
 _LARGEST_COVARIANCE = 1e24
 
 StatedEstimate = MeasuredOverFrames[Bounded]
 Gain = MeasuredOverFrames[Annotated[float, Field(gt=0, le=1e6)]]
-# A pixel that answers ten times as much as the others is a defect, not their non-uniformity.
+# Largest non-uniformity: a pixel with ten times the response of the others is a defect.
 Ratio = MeasuredOverFrames[Annotated[float, Field(ge=-10, le=10)]]
 
 
@@ -61,23 +61,23 @@ class JointErrors:
 
     def __post_init__(self) -> None:
         if unknown := [name for name in self.names if name not in QUANTITIES]:
-            raise ValueError(f"names {unknown} are none of {', '.join(QUANTITIES)}")
+            raise ValueError(f"names {unknown} are not known; allowed are {', '.join(QUANTITIES)}")
         if [len(row) for row in self.matrix] != [len(self.names)] * len(self.names):
             raise ValueError(f"the matrix has to have {len(self.names)} rows and columns, one for each name")
         if len(set(self.names)) < len(self.names):
-            raise ValueError(f"names {list(self.names)} hold one twice")
+            raise ValueError(f"names {list(self.names)} are not distinct")
         matrix = np.array(self.matrix)
         scale = np.sqrt(np.abs(np.diag(matrix)))
         if np.any(np.abs(matrix - matrix.T) > _ROUNDING * np.outer(scale, scale)):
             raise ValueError("the matrix is not symmetric")
         correlation = matrix / np.where(scale > 0.0, np.outer(scale, scale), 1.0)
         if len(matrix) and np.linalg.eigvalsh(correlation).min() < -_ROUNDING:
-            raise ValueError("the matrix is no covariance: it has a negative eigenvalue")
+            raise ValueError("the matrix is not a covariance: it has a negative eigenvalue")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Performance:
-    """Figures of merit, as far as anything is made of them."""
+    """Figures of merit that the program uses."""
 
     dark_current_variance_e_per_s: StatedEstimate | None = None
 
@@ -91,7 +91,7 @@ class NoiseParameters(CalibrationRecord):
 
     schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
     #: Each in the unit that its name ends in; None is not known, or known by a bound only (``{"bound": "<", "value":
-    #: 4.2}``). What cannot be below 0 may be, by its error.
+    #: 4.2}``). Measured values may be below 0 by their error.
     gain_dn_per_e: Gain
     read_noise_e: _Known[StatedEstimate | None]
     dark_current_e_per_s: _Known[StatedEstimate | None]
@@ -111,7 +111,7 @@ class NoiseParameters(CalibrationRecord):
 
     @property
     def history(self) -> dict[str, Measured[float]]:
-        """Gain, read noise and dark current, as far as they are known."""
+        """Gain, read noise and dark current that are known."""
         known = self.known
         return {
             name: Measured(value=known[name].value, std_error=known[name].std_error)
@@ -121,7 +121,7 @@ class NoiseParameters(CalibrationRecord):
 
     @property
     def below_zero(self) -> dict[str, float]:
-        """Estimates below 0 of what is never below 0 in a sensor."""
+        """Estimates below 0 of quantities that cannot be."""
         return {
             name: self.known[name].value
             for name in ("read_noise_e", "dark_current_e_per_s", "prnu", "dsnu_e")
@@ -129,7 +129,7 @@ class NoiseParameters(CalibrationRecord):
         }
 
     def sensor_noise(self) -> SensorNoise:
-        """Return the noise of the sensor; what is not known, or below 0 by its error, is 0."""
+        """Return the noise of the sensor; 0 for quantities that are not known or estimated below 0."""
         values = {name: 0.0 if name in self.below_zero else one.value for name, one in self.known.items()}
         return SensorNoise(
             gain_dn_per_e=self.gain_dn_per_e.value,
@@ -141,7 +141,7 @@ class NoiseParameters(CalibrationRecord):
         )
 
     def covariance_of(self, names: Sequence[str]) -> FloatArray:
-        """Return the covariance of the errors of some quantities, (n, n); 0 of those that are not known."""
+        """Return the covariance of the errors of some quantities, (n, n); 0 where it is not known."""
         known, joint = self.known, self.covariance
         cov = np.diag([known[name].std_error ** 2 if name in known else 0.0 for name in names])
         if joint is not None:
@@ -157,6 +157,6 @@ def read_noise_file(path: str | Path) -> NoiseParameters:
     Raises
     ------
     DataError
-        The file cannot be read, is no noise calibration, or is of another version: every problem at once.
+        The file cannot be read, or is not a noise calibration of this version: every problem at once.
     """
     return NoiseParameters.read(Path(path))

@@ -1,6 +1,6 @@
-"""A noise calibration from its frames (`calibrate_frames`) to the content of its file, ``noise.json``.
+"""Makes a noise calibration from frames (`calibrate_frames`), and the content of its file, ``noise.json``.
 
-Levels are measured in threads, a few at a time, so that memory does not grow with their number.
+Levels are measured in threads, a few at a time, so that memory is bounded.
 """
 
 import os
@@ -24,7 +24,7 @@ from rigctl.console import Json
 from rigctl.errors import DataError
 from rigctl.version import VERSION
 
-# Number of defects in the list; the map has all.
+# Length of the list of defects; the map has all.
 _LISTED = 1000
 
 
@@ -58,14 +58,14 @@ def noise_content(calibration: NoiseCalibration, frames: FrameSet, *, created_ns
 
 
 def _estimate(found: Estimate | None, bound: Bound | None) -> dict[str, Json] | None:
-    """Return a number, its bound where it is not known itself, or None."""
+    """Return a number, its bound where only that is known, or None."""
     if found is not None:
         return asdict(found)
     return None if bound is None else {"bound": bound.bound, "value": _brief(bound.value)}
 
 
 def _brief(value: float) -> float:
-    """Return a number without an error to six digits."""
+    """Return a number that has no error, to six digits."""
     return float(f"{value:.6g}")
 
 
@@ -177,7 +177,7 @@ def _defects(pattern: FixedPattern) -> dict[str, Json]:
     }
 
 
-# Levels that are measured at a time, and what these may take of memory: a level in work has 24 bytes a pixel.
+# Largest number of levels measured at a time, and their memory: 24 bytes a pixel for each.
 _WORKERS, _WORK_BYTES, _BYTES_PER_PIXEL = min(4, os.cpu_count() or 1), 200_000_000, 24
 
 LevelDone = Callable[[int, int], None]
@@ -186,14 +186,14 @@ LevelDone = Callable[[int, int], None]
 def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -> NoiseCalibration:
     """Return the noise calibration of a set of frames.
 
-    Each frame is read once. Where several levels have as many frames as the one that the fixed pattern is taken from,
-    that one's are read a second time, so that memory does not grow with the number of levels.
+    Each frame is read once. The fixed pattern is taken from the level with the most frames; if several have as many,
+    one is read a second time, so that memory is bounded.
     """
     if any(flag.refuses for flag in frames.flags):
         raise RefusedFramesError(frames.flags)
     groups = [group for group in frames.groups if len(group.loaders) > 1]
     levels, workers = [], _workers(groups)
-    # Reading and arithmetic both release the interpreter; a level in work holds a few pictures.
+    # Threads help, as reading and arithmetic release the interpreter.
     with ThreadPoolExecutor(max_workers=workers) as pool:
         # Memory that a thread frees is not returned: large frames are measured without threads.
         of_each = pool.map if workers > 1 else map
@@ -218,7 +218,7 @@ def _workers(groups: Sequence[FrameGroup]) -> int:
 
 
 def _is_the_stack(group: FrameGroup, groups: Sequence[FrameGroup]) -> bool:
-    """Return whether a group has more frames than any other of its kind: the fixed pattern will be taken from it."""
+    """Return true if a group has the most frames of its kind: the fixed pattern is taken from it."""
     others = [len(other.loaders) for other in groups if other.kind == group.kind and other is not group]
     return len(group.loaders) > max(others, default=0)
 
@@ -248,6 +248,6 @@ def _fixed_pattern(noise: NoiseCalibration, groups: dict[int, FrameGroup]) -> Fi
 def _single_frames(levels: int) -> Flag:
     return Flag(
         name="single_frames",
-        message=f"single dark or flat frames ({levels} of them) show no noise of their own and are left out: "
+        message=f"{levels} dark or flat frames are single and left out, as noise takes two: "
         f"take two frames or more at each exposure",
     )

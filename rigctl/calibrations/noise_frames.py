@@ -1,8 +1,8 @@
-"""Dark and flat frames for a noise calibration: out of a run, an EMVA 1288 data set, a folder of images or a table.
+"""Dark and flat frames for a noise calibration: from a run, an EMVA 1288 data set, a folder of images or a table.
 
-Each source lists its frames with kind, exposure and, where they are known, light and temperature. Frames that differ by
-noise only make a group (`FrameGroup`), which becomes a level of the calibration. Dark frames of several temperatures
-are not one set: those nearest to the temperature of the flats are used, and a flag names the others.
+Each source lists its frames with kind, exposure and, where known, light and temperature. Frames that differ only by
+noise form a group (`FrameGroup`), which becomes a level of the calibration. Of dark frames at several temperatures
+those nearest to the temperature of the flats are used, and a flag names the others.
 """
 
 import hashlib
@@ -44,7 +44,7 @@ Loader = Callable[[], NDArray[np.uint16]]
 _Item = TypeVar("_Item")
 _Problems = list[tuple[int, str]]
 
-# Drift of temperature that is expected within a set; beyond a gap of as much, dark frames are of another temperature.
+# Expected drift of temperature within a set; dark frames with a larger gap are of another temperature.
 _DRIFT_C = 3.0
 _PLAIN = ImageReading()
 
@@ -55,7 +55,7 @@ class FrameGroup:
 
     kind: LevelKind  #: without light, or with even light
     exposure_s: float | None
-    loaders: tuple[Loader, ...]  #: each reads one frame, in the order in which they were taken
+    loaders: tuple[Loader, ...]  #: functions that read one frame each, in the order of exposure
     photons: float | None = None  #: mean photons a pixel, where they were measured
 
 
@@ -71,7 +71,7 @@ class FrameSource:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameSet:
-    """All frames of a calibration, where their exposures are stated, and what was odd about how they were taken."""
+    """All frames of a calibration, the source of their exposures, and findings about how they were taken."""
 
     groups: tuple[FrameGroup, ...]
     bit_depth: int
@@ -112,7 +112,9 @@ def run_frames(path: Path, *, ignore_exclusions: bool = False) -> FrameSet:
     if not records:
         raise DataError(f"{path}: has no dark and no flat frames; `rigctl acquire` and `rigctl import` make them")
     if any(record.reads for record in records):
-        raise DataError(f"{path}: holds means of several reads, whose noise is not that of one read; take single reads")
+        raise DataError(
+            f"{path}: its frames are means of several reads, with less noise than one read; take single reads"
+        )
     return FrameSet(
         groups=tuple(
             FrameGroup(kind=kind, exposure_s=exposure_s, loaders=tuple(partial(_picture, run, shot) for shot in group))
@@ -132,7 +134,7 @@ def run_frames(path: Path, *, ignore_exclusions: bool = False) -> FrameSet:
     )
 
 
-# A black level that is stated without an error is known to a count.
+# Error of a black level that is stated without one: a count.
 STATED_BLACK_ERROR_DN = 0.5
 
 
@@ -146,7 +148,7 @@ def _recorded_black_level(records: Sequence[FrameRecord]) -> Estimate | None:
 
 
 def _shots(frames: Sequence[FrameRecord]) -> list[Shot]:
-    """Return frames by exposure: each by itself, or the parts behind a cell of polarizers together."""
+    """Return frames by exposure; the parts of a division-of-focal-plane camera are one."""
     shots: dict[tuple[str, int], list[FrameRecord]] = defaultdict(list)
     for record in frames:
         key = ("frame", record.sequence) if record.exposure_id is None else ("cell", record.exposure_id)
@@ -155,7 +157,7 @@ def _shots(frames: Sequence[FrameRecord]) -> list[Shot]:
 
 
 def _picture(run: Run, shot: Shot) -> NDArray[np.uint16]:
-    """Return the picture of an exposure, its parts back in their places: each pixel is one of the sensor."""
+    """Return the picture of an exposure as the sensor has it, with its parts put back."""
     if len(shot) == 1:
         return run.counts(shot[0])
     return mosaic([run.counts(record) for record in shot])
@@ -170,7 +172,7 @@ def _refuse_interpolated(run: Run) -> None:
 
 
 def _light(record: FrameRecord) -> float | None:
-    """Return the polarizer angle that a flat was taken at: another angle may be another brightness."""
+    """Return the polarizer angle of a flat: brightness may depend on it."""
     if record.kind == "dark":
         return None
     target_deg = record.polarizer_angle_target_deg
@@ -178,7 +180,7 @@ def _light(record: FrameRecord) -> float | None:
 
 
 def _alike(number: float | None) -> float | None:
-    """Return a number to six digits: a readback differs from frame to frame in the last ones."""
+    """Return a number to six digits, as readbacks scatter in the last digits."""
     return None if number is None else float(f"{number:.6g}")
 
 
@@ -194,13 +196,13 @@ def _common_bit_depth(path: Path, records: Sequence[FrameRecord]) -> int:
     mixed = [f"{name}: {', '.join(sorted(map(str, values)))}" for name, values in facts.items() if len(values) > 1]
     if mixed:
         raise DataError(
-            f"{path}: dark and flat frames differ in what has to be the same for a calibration; make one run a "
+            f"{path}: dark and flat frames have different settings; make one run for each "
             f"setting\n  " + "\n  ".join(mixed)
         )
     return records[0].bit_depth
 
 
-# A camera may read one frame out while it exposes the next, but exposes only one.
+# A camera may expose one frame while it reads out another, but exposes only one at a time.
 _NS_PER_S, _LEAST_SPACING = 1e9, 0.5
 
 
@@ -218,9 +220,9 @@ def _too_close(records: Sequence[FrameRecord]) -> Flag | None:
         if 0.0 < spacing_s < _LEAST_SPACING * before.exposure_s:
             return Flag(
                 name="wrong_time_unit",
-                message=f"frame {before.sequence} was exposed for {before.exposure_s:g} s by its record, but the next "
-                f"one began {spacing_s:.3g} s later: exposures are stated in another unit than seconds (ms?), "
-                f"and dark current would be as much too small: correct the exposures",
+                message=f"frame {before.sequence} has an exposure of {before.exposure_s:g} s in its record, but the "
+                f"next one began {spacing_s:.3g} s later: exposures seem to be in another unit than seconds (ms?), "
+                f"which makes dark current too small: correct the exposures",
                 refuses=True,
             )
     return None
@@ -232,8 +234,8 @@ def _temperature_drift(records: Sequence[FrameRecord]) -> Flag | None:
         return None
     return Flag(
         name="temperature_drift",
-        message=f"the camera was {min(temperatures):.1f} to {max(temperatures):.1f} C warm (at most {_DRIFT_C:g} C of "
-        f"drift is expected): dark current doubles every 6 to 8 C, and darks may not fit their flats: let it warm up",
+        message=f"the camera drifted from {min(temperatures):.1f} to {max(temperatures):.1f} C (expected: at most "
+        f"{_DRIFT_C:g} C): dark current doubles every 6 to 8 C, so darks may not fit their flats: let it warm up",
     )
 
 
@@ -242,8 +244,8 @@ def _of_one_temperature(
 ) -> tuple[list[_Item], tuple[Flag, ...]]:
     """Return items without dark frames of another temperature than the flats, and a flag that names these.
 
-    `facts` says kind and temperature of an item. Without the temperature of flats the darks of which there are most
-    are used; where a dark does not say its temperature, all of them.
+    `facts` returns kind and temperature of an item. If that of the flats is not known, the largest set of darks is
+    used; if that of a dark is not known, all darks are used.
     """
     known = [facts(item) for item in items]
     darks = sorted(one for kind, one in known if kind == "dark" and one is not None)
@@ -256,9 +258,9 @@ def _of_one_temperature(
     named = " and ".join(f"{fmean(one):.1f} C ({len(one)} frames)" for one in sets)
     why = f"nearest to the flats ({median(flats):.1f} C)" if flats else "the most"
     message = (
-        f"dark frames were taken at {named}: dark current doubles every 6 to 8 K, so they are not one set; those "
-        f"at {fmean(used):.1f} C are used, {why}, the others are left out: give each temperature as a set of its own, "
-        f"and compare them by `rigctl calibrate doubling`"
+        f"dark frames were taken at {named}: dark current doubles every 6 to 8 K; those "
+        f"at {fmean(used):.1f} C are used, {why}, the others are left out: calibrate each temperature separately, "
+        f"and compare by `rigctl calibrate doubling`"
     )
     kept = [
         item
@@ -289,8 +291,8 @@ def emva_frames(
 def read_emva_descriptor(path: Path, *, unit_s: float = 1e-9) -> tuple[int, tuple[int, int], list[ListedImage]]:
     """Return bit depth, rows and columns, and images of a descriptor; ConfigError names every problem.
 
-    A line `n` has bits, width and height; `b EXPOSURE PHOTONS` and `d EXPOSURE` begin a level of bright and dark
-    images, `i FILE` adds an image. EMVA1288/emva1288 on GitHub, data set format.
+    A line `n` has bits, width and height; `b EXPOSURE PHOTONS` and `d EXPOSURE` begin a level of bright or dark images,
+    and `i FILE` adds an image. Format: EMVA1288/emva1288 on GitHub.
     """
     try:
         text = read_bounded(path, MOST_TEXT_BYTES).decode("utf-8", errors="replace")
@@ -340,18 +342,18 @@ def _numbers(problems: _Problems, line: int, text: str, names: tuple[str, ...]) 
         values = []
     if len(values) == len(names) and all(value >= 0.0 and range_problem(value) is None for value in values):
         return values
-    problems.append((line, f"{text!r} has to be {len(names)} numbers, none below 0: {', '.join(names)}"))
+    problems.append((line, f"{text!r} must be {len(names)} numbers, none below 0: {', '.join(names)}"))
     return None
 
 
 def _descriptor_size(stated: Sequence[tuple[int, str, list[float] | None]], problems: _Problems) -> list[float]:
     """Return bits, width and height."""
     if not stated:
-        problems.append((0, "there is no line `n BITS WIDTH HEIGHT`"))
-    problems += [(line, "n stands a second time") for line, _, _ in stated[1:]]
+        problems.append((0, "a line `n BITS WIDTH HEIGHT` is missing"))
+    problems += [(line, "n occurs a second time") for line, _, _ in stated[1:]]
     for line, text, values in stated:
         if values and (not 1 <= values[0] <= 16 or min(values[1:]) < 1 or any(value % 1 for value in values)):
-            said = f"n {text} is not 1 to 16 bits, and width and height of at least 1, all whole numbers"
+            said = f"n {text} must be three whole numbers: 1 to 16 bits, width and height of at least 1"
             problems.append((line, said))
     return next((values for _, _, values in stated if values), [0.0, 0.0, 0.0])
 

@@ -1,4 +1,4 @@
-"""Polarizer calibrations as their files hold them (``polarizer.json``), and their lines in a rig file."""
+"""Polarizer calibrations (``polarizer.json``), and their lines in a rig file."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -23,10 +23,10 @@ from rigctl.runs.folder import Run
 from rigctl.runs.records import PolarizerAsTaken
 
 SCHEMA_VERSION = 2
-# Rounding of the lines that are copied into a rig file.
+# Rounding of the lines for a rig file.
 _COPIED_DEG = 1e-4
 _SIGMAS = 3.0
-# Causes of the harmonics that are left of Malus' law.
+# Causes of harmonics in the residuals of Malus' law.
 HARMONIC_MEANING = {
     1: "a wedge or a tilted element",
     3: "a wedge or a tilted element",
@@ -42,7 +42,7 @@ NO_HARMONICS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """Polarizer at one angle of the stage: throughput is the response to unpolarized light over the angles' mean."""
+    """Polarizer at one stage angle: throughput is the response to unpolarized light over the mean of all angles."""
 
     stage_angle_deg: Bounded
     #: of a thousand angles one alone would have to pass light
@@ -51,7 +51,7 @@ class Channel:
 
 @dataclass(frozen=True, kw_only=True)
 class PolarizerParameters(CalibrationRecord):
-    """A polarizer calibration as its file holds it, as far as the program uses it."""
+    """Content of a polarizer calibration, as far as the program uses it."""
 
     KIND = "polarizer"
     MADE_BY = "a polarizer calibration is made by `rigctl calibrate axis`"
@@ -75,12 +75,12 @@ class PolarizerParameters(CalibrationRecord):
 
     @classmethod
     def read_fitting(cls, path: Path, run: Run) -> tuple[Self, tuple[str, ...]]:
-        """Return the calibration for the scene frames of a run, and what is doubtful about it, in words."""
+        """Return the calibration for the scene frames of a run, and doubts about it as text."""
         found = cls.read(path)
         doubts = require_polarizer_fits(found, made_for_scene(run), polarizer=run.session.polarizer)
         if found.channels is None:
             doubts += (
-                "polarizer calibration: made with fixed references, it holds no throughput: nothing is divided by it",
+                "polarizer calibration: made with fixed references, so without throughput: nothing is divided by it",
             )
         return found, doubts
 
@@ -91,7 +91,7 @@ def read_polarizer_file(path: str | Path) -> PolarizerParameters:
     Raises
     ------
     DataError
-        The file cannot be read, is no polarizer calibration, or is of another version: every problem at once.
+        The file cannot be read, or is not a polarizer calibration of this version: every problem at once.
     """
     return PolarizerParameters.read(Path(path))
 
@@ -212,7 +212,7 @@ _PLACEHOLDER = "# a placeholder"
 
 
 def require_writable_rig(path: Path) -> None:
-    """Refuse a file that a calibration cannot be written into, before there is one."""
+    """Refuse a rig file that a calibration cannot be written into."""
     load_rig(path)
     _polarizer_table(path)
 
@@ -224,7 +224,7 @@ def write_into_rig(path: Path, found: PolarizerCalibration) -> tuple[str, ...]:
     table = _polarizer_table(path)
     inside = _NO_LONGER_TRUE.sub("", table[0])
     for key, number in _numbers(found).items():
-        # What a person has noted behind a number stays there.
+        # Comments after a number stay.
         line = re.compile(rf"^({key}\s*=\s*)[^#\r\n]*?([ \t]*#[^\r\n]*)?(\r?)$", re.MULTILINE)
         was = line.search(inside)
         if was is not None:
@@ -248,7 +248,7 @@ def _polarizer_table(path: Path) -> re.Match[str]:
 
 
 def _text(path: Path) -> str:
-    # As bytes: the ends of lines stay what they are.
+    # As bytes, to keep the ends of lines.
     return read_bounded(path, MOST_TEXT_BYTES).decode("utf-8")
 
 

@@ -90,9 +90,9 @@ def _read_csv(path: Path) -> tuple[str, dict[int, float]]:
 
 FloatArray = NDArray[np.float64]
 
-# Frames whose stage angles are no further apart were taken at one angle [deg]; stages land within hundredths.
+# Largest difference of stage angles that are one angle [deg]; stages land within hundredths.
 _ONE_ANGLE_DEG = 0.2
-# So many pixels of a region may be saturated, as hot ones are; they are left out of all frames of a scan.
+# Number of pixels of a region that may be saturated, as hot ones are; they are left out of all frames of a scan.
 _FEW_SATURATED = 1e-3
 
 
@@ -114,7 +114,7 @@ def generator_scan(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeneratorCells:
-    """Frames at each generator angle (K,) and stage angle (N,) [rad]: places in a list of records."""
+    """Frames at each generator angle (K,) and stage angle (N,) [rad]: indices in a list of records."""
 
     generator_rad: FloatArray
     stage_rad: FloatArray
@@ -146,7 +146,7 @@ def _one_angle(angles_deg: FloatArray) -> tuple[list[int], FloatArray]:
 
     A readback differs a little from frame to frame, also across 0: 359.998 and 0.003 deg are one angle.
     """
-    # From just below 0, so that no angle near it is at the other end.
+    # From just below 0, so that angles near 0 stay together.
     turned = (angles_deg + _ONE_ANGLE_DEG) % 360.0 - _ONE_ANGLE_DEG
     order = np.argsort(turned, kind="stable")
     numbers = np.cumsum(np.diff(turned[order], prepend=turned[order[0]]) > _ONE_ANGLE_DEG)
@@ -181,7 +181,7 @@ def _signals_dn(run: Run, records: Sequence[FrameRecord], region: Region | None)
 
 
 def _saturated(run: Run, records: Sequence[FrameRecord], inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the pixels that are saturated in any frame; refuse more of them in the region than a few hot pixels."""
+    """Return the pixels that are saturated in any frame; refuse a region where they are more than a few hot pixels."""
     saturated = np.zeros_like(inside)
     most = max(1, int(_FEW_SATURATED * np.count_nonzero(inside)))
     for record in records:
@@ -214,17 +214,17 @@ def _dark(run: Run, scene: FrameRecord, of: Callable[[NDArray[np.uint16]], Float
     )
 
 
-# A number is significant if it is so many of its own errors above 0.
+# A number is significant if it is this many of its standard errors above 0.
 _SEEN_SIGMAS = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class KnownLight:
-    """Light of a scan, as far as it is known beforehand."""
+    """Light of a scan that is known beforehand."""
 
     axis_error_rad: float = 0.0  #: Standard error of the direction of reference or generator [rad].
     dolp: Uncertain | None = None  #: Degree of linear polarization of reference or generator.
-    expected_rad: float | None = None  #: The offset, roughly, and how well [rad].
+    expected_rad: float | None = None  #: The offset, roughly, and its error [rad].
     expected_error_rad: float = 0.0
 
 
@@ -315,7 +315,7 @@ def from_generator(cells: GeneratorCells, signal_dn: FloatArray, known: KnownLig
         for stage, column in zip(cells.stage_rad.tolist(), signal_dn.T, strict=True)
     )
     if not any(curve.harmonics for curve in curves):
-        # Harmonics of the generator may turn all channels alike.
+        # Harmonics of the generator may turn all channels equally.
         squares = [float(curve.fit.phase_error_rad()) ** 2 for curve in curves] - np.square(channels.axis_error_rad)
         known = replace(known, axis_error_rad=float(np.hypot(known.axis_error_rad, np.sqrt(np.mean(squares)))))
     axis = _axis(
@@ -380,7 +380,7 @@ def _reduction(cells: GeneratorCells, signal_dn: FloatArray, dolp: float) -> Dat
 
 BoolArray = NDArray[np.bool_]
 
-# Blocks with less than this share of the median light are left out: their numbers would be noise.
+# Blocks with less than this share of the median light would give noise and are left out.
 _LEAST_LIGHT = 0.05
 # Scans of more are fitted in bands of rows of blocks.
 _BAND_BYTES = 256_000_000
@@ -396,19 +396,19 @@ class PolarimeterMaps:
     channels: AnalyzerChannels  #: Of the V blocks, row by row: arrays (N, V).
 
     def picture(self, values: FloatArray) -> FloatArray:
-        """Return numbers of the lit blocks (..., V) as pictures (..., h, w); not a number where there is no light."""
+        """Return numbers of the lit blocks (..., V) as pictures (..., h, w), NaN elsewhere."""
         found = np.full((*values.shape[:-1], *self.lit.shape), np.nan)
         found[..., self.lit] = values
         return found
 
     def axis_off_mean_rad(self) -> FloatArray:
-        """Return the axis of each block less the mean over blocks, (N, V) [rad]."""
+        """Return the axis of each block minus the mean over blocks, (N, V) [rad]."""
         axis = self.channels.axis_rad
         mean = 0.5 * np.angle(np.mean(np.exp(2j * axis), axis=1))
         return half_turn(axis - mean[:, None])
 
     def named(self) -> Mapping[str, FloatArray]:
-        """Return the maps by their names, as the file holds them."""
+        """Return the maps of the file by name."""
         one = self.channels
         return {
             "stage_angle_deg": np.degrees(self.stage_rad),
@@ -444,7 +444,7 @@ def polarimeter_maps(
         return _scan(run, records, cells, dark[bands[place]], side_pixels, first_row=bands[place].start)
 
     scans = (scan_of(place) for place in range(len(bands)))
-    # The least light of each block over the stage angles.
+    # Smallest light of each block over the stage angles.
     lights, saturated = zip(*((scan.mean(axis=0).min(axis=0), full) for scan, full in scans), strict=True)
     light = np.concatenate(lights)
     lit = ~np.concatenate(saturated) & (light > _LEAST_LIGHT * np.median(light))
@@ -467,7 +467,7 @@ def _scan(
     *,
     first_row: int,
 ) -> tuple[FloatArray, BoolArray]:
-    """Return counts less dark of a band of rows of blocks, (K, N, rows, w), and what is saturated in any frame."""
+    """Return counts minus dark of a band of rows of blocks, (K, N, rows, w), and the pixels saturated in any frame."""
     scan = np.zeros((cells.generator_rad.size, cells.stage_rad.size, *dark.shape))
     saturated = np.zeros(dark.shape, dtype=np.bool_)
     rows = slice(first_row * side_pixels, (first_row + len(dark)) * side_pixels)

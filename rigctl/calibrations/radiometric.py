@@ -20,7 +20,7 @@ class Panel:
 
 @dataclass(frozen=True, kw_only=True)
 class RadiometricResponse(CalibrationRecord):
-    """A radiometric calibration as its file holds it."""
+    """Content of a radiometric calibration."""
 
     KIND = "radiometric"
     MADE_BY = "a radiometric calibration is made by `rigctl calibrate radiometric`"

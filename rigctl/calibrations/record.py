@@ -1,4 +1,4 @@
-"""Calibration files in JSON: written whole or not at all, read once all that the program uses has been found right."""
+"""Calibration files in JSON: written whole or not at all, and checked when read."""
 
 import functools
 import json
@@ -35,7 +35,7 @@ Record = TypeVar("Record")
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationRecord:
-    """A calibration as its file holds it; each kind adds its own numbers."""
+    """Content of a calibration file; each kind adds its own numbers."""
 
     KIND: ClassVar[CalibrationKind]
     MADE_BY: ClassVar[str]  #: how such a file is made, for messages
@@ -45,12 +45,12 @@ class CalibrationRecord:
 
     @property
     def origin(self) -> MadeFor:
-        """Devices, settings and time that it was made for, and its validity."""
+        """Devices, settings, time and validity of the calibration."""
         return made_for_of_file(self.KIND, self.made_for, created_utc=self.created_utc)
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """What it holds, in words of the list of a store."""
+        """Names of its contents in the list of a store."""
         return (self.KIND,)
 
     @property
@@ -70,7 +70,7 @@ class CalibrationRecord:
         return found, found.doubts(made_for_scene(run))
 
     def doubts(self, used: MadeFor) -> tuple[str, ...]:
-        """Return doubts about using it for frames; DataError for other devices or settings."""
+        """Return doubts about its use for frames; DataError for other devices or settings."""
         return require_fit(self.KIND, self.origin, used)
 
 
@@ -80,7 +80,7 @@ def made_for_scene(run: Run) -> MadeFor:
 
 
 def source_of_run(run: Run) -> dict[str, Json]:
-    """Return a run that a calibration was made from: its folder, and the hash of its manifest."""
+    """Return the folder of a run, and the hash of its manifest."""
     return {"path": str(run.path), "sha256": sha256_of(run.path / MANIFEST_FILE)}
 
 
@@ -93,7 +93,7 @@ def header_of(
     records: Sequence[FrameRecord],
     valid_days: float | None,
 ) -> dict[str, Json]:
-    """Return the keys that calibration files of every kind begin with."""
+    """Return the first keys of a calibration file of any kind."""
     return {
         "schema_version": version,
         "kind": kind,
@@ -105,19 +105,19 @@ def header_of(
 
 
 def write_content(path: Path, content: Mapping[str, Json]) -> None:
-    """Write a calibration: whole under its name, or not at all. A file that is there is replaced."""
+    """Write a calibration whole, or not at all. A file of that name is replaced."""
     write_whole(path, (json.dumps(told_content(content), indent=2, allow_nan=False) + "\n").encode("ascii"))
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write a file of a calibration: whole under its name, or not at all."""
+    """Write a file of a calibration whole, or not at all."""
     try:
         write_durably(path, data)
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}; its folder has to exist") from error
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}; its folder must exist") from error
 
 
-# To make one takes longer than to read a file, and a store has many files.
+# Kept, as making one takes longer than reading a file.
 _adapter: Callable[..., TypeAdapter[Any]] = functools.cache(TypeAdapter)
 
 
@@ -131,7 +131,7 @@ def read_record(path: Path, record: type[Record], *, made_by: str) -> Record:
 
 
 def checked_record(path: Path, text: bytes, record: type[Record], *, made_by: str) -> Record:
-    """Return the record of a JSON text; DataError names every problem, or what the file is instead."""
+    """Return the record of a JSON text; DataError names every problem, or the kind of the file."""
     try:
         found: Record = _adapter(record).validate_json(text)
         return found
@@ -146,7 +146,7 @@ def checked_record(path: Path, text: bytes, record: type[Record], *, made_by: st
 
 
 def _other_kind(text: bytes, made_by: str) -> str | None:
-    """Return the kind of calibration in a text, or that it is no JSON; None if it states no kind."""
+    """Return the kind of calibration in a text, or that it is not JSON; None if it states no kind."""
     try:
         content = from_json(text)  # too deep is a ValueError of it
     except ValueError:

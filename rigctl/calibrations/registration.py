@@ -1,4 +1,4 @@
-"""Image registration: the shift of a run's picture at each stage angle, and as ``registration.json`` holds it."""
+"""Image registration (``registration.json``): the shift of a run's picture at each stage angle."""
 
 from dataclasses import asdict, dataclass
 from typing import Annotated, Literal
@@ -19,20 +19,20 @@ from rigctl.runs.records import FrameRecord
 FloatArray = NDArray[np.float64]
 
 SCHEMA_VERSION = 1
-# A false DoLP of 0.003 on a natural scene, and up to 0.05 at edges.
+# Causes a false DoLP of 0.003 on a natural scene, and up to 0.05 at edges.
 _WORTH_A_WORD_PIXELS = 0.1
 _SIGMAS = 4.0
-# More pictures than this are not held at once.
+# Largest number of pictures in memory.
 _MOST_PICTURES = 16
 
 
-# No picture is larger.
+# Larger than any picture.
 Pixels = Annotated[float, Field(ge=-1e5, le=1e5)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class AngleShift:
-    """Shift (x, y) of the picture at an angle against that at the first, in the order in which its file has it."""
+    """Shift (x, y) of the picture at an angle relative to that at the first, in the order of the file."""
 
     angle_deg: Bounded
     shift_pixels: tuple[Pixels, Pixels]
@@ -45,7 +45,7 @@ class RunRegistration:
 
     angle_deg: FloatArray  #: Stage angle, polarizer angle where a run has no stage [deg].
     records: tuple[FrameRecord, ...]  #: The frames.
-    found: Registration  #: Shifts against the first angle.
+    found: Registration  #: Shifts relative to the first angle.
     wander: Wander | None  #: The circle through them; None with fewer than three angles. Its sense is the better one.
 
     def rows(self) -> tuple[AngleShift, ...]:
@@ -86,14 +86,14 @@ class RunRegistration:
 
     @property
     def shifted(self) -> tuple[int, ...]:
-        """Numbers of the pictures that lie so far from the first that it shows in DoLP."""
+        """Indices of the pictures whose shift affects DoLP."""
         sizes = np.linalg.norm(self.found.shift_pixels, axis=1)
         errors = np.linalg.norm(self.found.std_error_pixels, axis=1)
         return tuple(np.flatnonzero(sizes - _SIGMAS * errors > _WORTH_A_WORD_PIXELS).tolist())
 
     @property
     def finding(self) -> str | None:
-        """A sentence on pictures that lie so far apart that it shows in DoLP; None where they do not."""
+        """A sentence on the pictures whose shift affects DoLP; None without any."""
         if not self.shifted:
             return None
         sizes = np.linalg.norm(self.found.shift_pixels, axis=1)
@@ -109,7 +109,7 @@ class RunRegistration:
 
     @property
     def doubt(self) -> str | None:
-        """A sentence on pictures for which the shift is no plain one; None where all are, or none is shifted."""
+        """A sentence on pictures that differ by more than a shift; None without any."""
         sizes = np.linalg.norm(self.found.shift_pixels, axis=1)
         off = [k for k in range(len(sizes)) if sizes[k] > _WORTH_A_WORD_PIXELS and not self.found.is_plain(k)]
         if not off:
@@ -126,9 +126,9 @@ class RunRegistration:
 
 
 def before_and_after(found: Registration, index: int) -> str:
-    """Return the residual of the edges of a picture before and after it is moved back, as text."""
+    """Return the residual of the edges of a picture before and after the correction, as text."""
     before, after = found.edge_residual[index]
-    return f"{before:.2%} before, {after:.2%} moved back"
+    return f"{before:.2%} before, {after:.2%} after"
 
 
 def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
@@ -155,7 +155,7 @@ def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
 
 
 def _near(angle: float) -> float:
-    """Return the angle by which repeats are one [deg]."""
+    """Return the angle that identifies repeats [deg]."""
     return round(angle % 360.0, 1)
 
 
@@ -166,10 +166,10 @@ def usable_pixels(record: FrameRecord, counts: FloatArray) -> NDArray[np.bool_]:
 
 
 def angle_deg(run: Run, record: FrameRecord) -> float:
-    """Return the angle by which a frame's shift goes: of the stage, of the polarizer where there is no stage [deg]."""
+    """Return the angle that a frame's shift depends on: of the stage, or without one of the polarizer [deg]."""
     angle = record.stage_angle_deg if record.stage_angle_deg is not None else record.polarizer_angle_deg
     if angle is None:
-        raise DataError(f"{run.path}: frame {record.sequence} has no angle; registration goes by angle")
+        raise DataError(f"{run.path}: frame {record.sequence} has no angle, which registration needs")
     return angle
 
 
@@ -179,9 +179,9 @@ def _wander(stage_rad: FloatArray, shifts: FloatArray) -> Wander | None:
     return min((fit_wander(stage_rad, shifts, sense=sense) for sense in (1, -1)), key=lambda one: one.residual_pixels)
 
 
-# A circle that misses its shifts by more than this does not describe them.
+# Largest distance of shifts from a circle that describes them.
 _CIRCLE_PIXELS = 0.05
-# A frame this near to an angle of the table has its shift.
+# Largest difference of a frame's angle from one of the table.
 _NEAR_DEG = 1.0
 
 
@@ -208,7 +208,7 @@ class ImageRegistration(CalibrationRecord):
     wander: Circle | None  #: Through the shifts; None of two angles.
 
     def shift_pixels(self, angle_deg: float, *, against_deg: float) -> FloatArray:
-        """Return the shift (x, y) of the picture at one angle against that at another."""
+        """Return the shift (x, y) of the picture at one angle relative to that at another."""
         circle = self.wander
         if circle is not None and circle.residual_pixels <= _CIRCLE_PIXELS:
             wander = Wander(
@@ -227,7 +227,7 @@ class ImageRegistration(CalibrationRecord):
         if apart[nearest] > _NEAR_DEG:
             raise DataError(
                 f"the registration has no shift for {angle_deg:.2f} deg: it was measured at "
-                f"{', '.join(f'{angle:.1f}' for angle in angles)} deg, and no circle goes through its shifts: measure "
-                "it at the angles that are used"
+                f"{', '.join(f'{angle:.1f}' for angle in angles)} deg, and no circle fits its shifts: measure "
+                "it at the angles of use"
             )
         return np.array(self.angles[nearest].shift_pixels)

@@ -41,7 +41,7 @@ STORE_FOLDER = "calibrations"
 _SUFFIXES = (".json", ".npz")
 _DEPTH = 2
 _MOST_FILES = 5000
-_OF_ANOTHER_KIND = "is no calibration of frames"
+_OF_ANOTHER_KIND = "is not a calibration of frames"
 Numbers = Mapping[str, Measured[float]]
 
 
@@ -51,7 +51,7 @@ class StoredCalibration:
 
     kind: CalibrationKind  #: One of `KINDS`.
     file: Path
-    made_for: MadeFor  #: Devices, settings, time, and for how long it holds.
+    made_for: MadeFor  #: Devices, settings, time, and validity.
     numbers: Numbers  #: numbers with a history: gain, read noise, dark current, offset of the axis [deg]
     #: contents: a polarizer calibration has the axis, and the throughput unless fixed references were used
     parts: tuple[str, ...]
@@ -59,7 +59,7 @@ class StoredCalibration:
 
 @dataclass(frozen=True, kw_only=True)
 class UnreadFile:
-    """A file of a store that is damaged, or not a calibration that this program reads."""
+    """A file of a store that is damaged, or not a readable calibration."""
 
     file: Path
     problem: str
@@ -121,7 +121,7 @@ def _files(folder: Path, depth: int = _DEPTH) -> Iterator[Path]:
 
 
 def read_stored(file: Path) -> StoredCalibration:
-    """Return a calibration of any kind, without what only its own reader needs."""
+    """Return the facts of a calibration of any kind that a store needs."""
     kind = kind_of(file)
     if kind is None:
         raise DataError(f"{file}: {_OF_ANOTHER_KIND}")
@@ -141,7 +141,7 @@ class HistoryPoint:
     utc: str  #: start of its last frame
     value: float  #: in the unit that the number's name ends in; an axis is followed over half turns
     std_error: float
-    #: control limits: the number would lie within them 997 times in 1000 if nothing moved, by its own stated error and
+    #: control limits: they contain 997 of 1000 numbers if nothing changed, by the stated error of the number and #:
     #: that of the mean of this device
     limits: tuple[float, float]
     is_inside: bool
@@ -169,7 +169,7 @@ class History:
         if self.drift_per_year is not None:
             text += f", {self.drift_per_year:+.3g} +- {self.drift_error:.2g} a year"
         outside = sum(not point.is_inside for point in self.points)
-        return text + (f"; {outside} outside the control limits: IT MOVES" if outside else "; within control limits")
+        return text + (f"; {outside} outside the control limits: IT CHANGES" if outside else "; within control limits")
 
     def as_json(self) -> dict[str, Json]:
         """Return the history as JSON."""
@@ -184,7 +184,7 @@ class History:
 
 
 def histories_of(store: CalibrationStore) -> Iterator[History]:
-    """Give how the numbers of each device have moved: gain, read noise, dark current of a camera, axis of a stage."""
+    """Return the history of each device's numbers: gain, read noise, dark current of a camera, axis of a stage."""
     series: dict[tuple[str, str], list[StoredCalibration]] = {}
     for one in store.calibrations:
         if one.made_for.taken_utc is not None:
@@ -234,7 +234,7 @@ class Pick:
     file: Path
     sha256: str  #: of its content
     why: str  #: reason for this one
-    age_days: float | None = None  #: days between it and the frames, below 0 where it came after; None is not known
+    age_days: float | None = None  #: days from it to the frames, below 0 where it came after; None if not known
 
     def as_json(self) -> dict[str, Json]:
         """Return the pick as results hold it."""
@@ -247,7 +247,7 @@ class Choice:
     """The calibration of a kind that fits frames best."""
 
     kind: CalibrationKind
-    pick: Pick | None  #: None where nothing fits
+    pick: Pick | None  #: None if none fits
     others: tuple[tuple[Path, str], ...] = ()  #: files of the same kind that were not picked, and why
 
     @property
@@ -260,7 +260,7 @@ class Choice:
 
 
 def choices_json(choices: Sequence[Choice], damaged: Sequence[UnreadFile]) -> dict[str, Json]:
-    """Return the choices from a store as results hold them."""
+    """Return the choices from a store for the JSON of results."""
     not_read: list[Json] = [{"file": str(one.file), "problem": one.problem} for one in damaged]
     return {
         "calibrations": {one.kind: one.pick.as_json() for one in choices if one.pick is not None},
@@ -280,15 +280,14 @@ def choose(
     *,
     require_usable: Callable[[Path], object],
 ) -> Choice:
-    """Return the calibration of a kind that fits frames best: the newest that is not younger than they are.
+    """Return the calibration of a kind that fits frames best: the newest that was made before them.
 
-    Refused are other devices and settings, and what is too old. One at the temperature and exposures of use goes before
-    one that is not, one whose devices are stated before one that says nothing of them, one before the frames before
-    one after them; then the nearest in time.
+    Other devices or settings, and calibrations that are too old, are refused. Preferred, in this order, are those at
+    the temperature and exposures of the frames, with stated devices, made before the frames, and nearest in time.
     """
     reasons = [(one, _unfit(one, used)) for one in store.calibrations if one.kind == kind]
     unfit = [(one.file, reason) for one, reason in reasons if reason is not None]
-    # Of calibrations with the same rank the newest comes first.
+    # With the same rank the newest comes first.
     fitting = [one for one, reason in reversed(reasons) if reason is None]
     ranked = sorted(fitting, key=lambda one: _rank(one, used))
     for place, one in enumerate(ranked):
@@ -313,7 +312,7 @@ def _unfit(one: StoredCalibration, used: MadeFor) -> str | None:
         return "; ".join(wrong)
     if is_too_old(one.made_for, used):
         days = age_days(one.made_for, used) or 0.0
-        return f"too far in time: {abs(days):.0f} days from the frames, holds for {one.made_for.valid_days:g}"
+        return f"too far in time: {abs(days):.0f} days from the frames, valid for {one.made_for.valid_days:g}"
     return None
 
 
@@ -347,8 +346,8 @@ def _why(
     if days is None and fitting > 1:
         which = f"the newest of {fitting}, as the frames do not say when they were taken"
     if days is not None and days < 0.0:
-        which = "the nearest, as none that fits came before the frames"
-    text = f"{which}: taken {taken}{apart}, holds for {made.valid_days:g} days{_identity(one, used)}"
+        which = "the nearest that fits, as all came after the frames"
+    text = f"{which}: taken {taken}{apart}, valid for {made.valid_days:g} days{_identity(one, used)}"
     if refused:
         counts = Counter(reason.partition(":")[0] for reason in refused)
         text += "; refused: " + ", ".join(f"{count} ({reason})" for reason, count in counts.items())
@@ -376,10 +375,10 @@ def _farther(one: StoredCalibration, used: MadeFor) -> str:
 
 
 NONE = Path("none")
-# Without these nothing is compared; the others are warned of where the store has had them once.
+# Needed for a comparison; the others cause a warning where the store has had them once.
 _NEEDED: tuple[CalibrationKind, ...] = ("noise", "polarizer")
 _SOON_DAYS = 14.0
-# Clocks of two computers may differ by less.
+# Clocks of two computers differ by less.
 _CLOCK_DAYS = 0.5
 
 
@@ -389,7 +388,7 @@ class RigPicks:
 
     store: Path | None = None  #: None where there is no store, and nothing is picked
     choices: tuple[Choice, ...] = ()  #: one for each kind
-    damaged: tuple[UnreadFile, ...] = ()  #: files that may be calibrations and cannot be read
+    damaged: tuple[UnreadFile, ...] = ()  #: files that may be calibrations but cannot be read
 
     @property
     def files(self) -> dict[CalibrationKind, Path]:
@@ -424,7 +423,7 @@ class RigPicks:
         return f", with {', '.join(files)}" if files else ""
 
     def as_json(self) -> dict[str, Json]:
-        """Return the choices as results hold them; nothing where there is no store."""
+        """Return the choices for the JSON of results; empty without a store."""
         return {} if self.store is None else choices_json(self.choices, self.damaged)
 
 
@@ -447,7 +446,7 @@ def picked_for_rig(
 
 
 def store_doubts(rig: "RigFile", rig_path: Path, *, now_ns: int) -> tuple[str, ...]:
-    """Return what is missing or expires soon in the store of a rig file, as text; nothing without a store."""
+    """Return as text the calibrations that are missing from the store of a rig file or expire soon."""
     store = _store(rig_path, None)
     if store is None:
         return ()
@@ -476,7 +475,7 @@ def _doubts(store: CalibrationStore, kind: CalibrationKind, rig: "RigFile", used
     made = next(one.made_for for one in there if one.file == choice.pick.file)
     days = age_days(made, used)
     if days is not None and days < -_CLOCK_DAYS:
-        yield f"{kind} calibration: {choice.pick.file} is of {-days:.0f} days from now: look at the clock, then and now"
+        yield f"{kind} calibration: {choice.pick.file} is dated {-days:.0f} days ahead: check the clock, then and now"
     left = None if days is None or made.valid_days is None else made.valid_days - days
     if left is not None and left < _SOON_DAYS:
         yield f"{kind} calibration: {choice.pick.file} expires in {left:.0f} days: make a new one"

@@ -202,7 +202,7 @@ def test_drift_and_replacement_show_in_the_history(lab, tmp_path):
     assert len(histories["gain_dn_per_e", "camera B at 0 dB"].points) == 2
     axis = histories["offset_deg", "stage S1, camera A"]
     assert axis.drift_per_year == pytest.approx(1.62, abs=5.0 * axis.drift_error)
-    assert "IT MOVES" in axis.line
+    assert "IT CHANGES" in axis.line
     assert (tmp_path / "h.png").stat().st_size > 10_000
 
 

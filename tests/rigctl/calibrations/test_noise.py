@@ -315,7 +315,7 @@ def spoilt(change: Callable[[dict[str, Any]], object]) -> bytes:
         (spoilt(lambda c: c["covariance"]["names"].__setitem__(0, "gain")), "names"),
         (spoilt(lambda c: c["covariance"]["matrix"][0].__setitem__(1, 1.0)), "not symmetric"),
         (spoilt(lambda c: c["covariance"]["matrix"][0].__setitem__(0, -1.0)), "negative eigenvalue"),
-        (spoilt(lambda c: c["covariance"]["names"].__setitem__(1, c["covariance"]["names"][0])), "hold one twice"),
+        (spoilt(lambda c: c["covariance"]["names"].__setitem__(1, c["covariance"]["names"][0])), "are not distinct"),
         (spoilt(lambda c: c["covariance"]["matrix"][0].__setitem__(0, 1e300)), "covariance.matrix.0.0"),
         (spoilt(lambda c: c["prnu"].update(value=1e40)), "prnu.value"),
         (spoilt(lambda c: c["read_noise_e"].update(value=1e300)), "read_noise_e.value"),
@@ -347,7 +347,7 @@ def test_it_is_too_old_after_a_year(tmp_path: Path) -> None:
     noise = read_noise_file(tmp_path / "noise.json")
     young, old = (MadeFor(taken_utc=f"{day}T00:00:00.000000000Z") for day in ("2024-11-13", "2024-11-15"))
     assert noise.doubts(young) == ()
-    assert "holds for 365" in noise.doubts(old)[0]
+    assert "valid for 365" in noise.doubts(old)[0]
 
 
 def test_reading_a_calibration_does_not_import_an_optimizer():
@@ -520,15 +520,15 @@ def test_lines_may_end_as_in_windows(tmp_path: Path) -> None:
     ("old", "new", "problem"),
     [
         ("v 3.0", "w 3.0", "line 2: 'w 3.0' begins with 'w'; allowed are v, n, b, d, i and #"),
-        ("n 12 640 480\n", "", "there is no line `n BITS WIDTH HEIGHT`"),
-        ("n 12 640 480", "n 12 640", "line 3: '12 640' has to be 3 numbers"),
-        ("n 12 640 480", "n 17 640 480", "line 3: n 17 640 480 is not 1 to 16 bits"),
-        ("n 12 640 480", "n 12 640 480.5", "all whole numbers"),
-        ("n 12 640 480", "n 12 640 480\nn 12 640 480", "line 4: n stands a second time"),
-        ("b 40000.0 120.0", "b 40000.0", "line 5: '40000.0' has to be 2 numbers"),
-        ("d 40000.0", "d -1", "line 8: '-1' has to be 1 numbers, none below 0"),
-        ("d 40000.0", "d inf", "line 8: 'inf' has to be 1 numbers"),
-        ("d 40000.0", "d 4 ms", "line 8: '4 ms' has to be 1 numbers"),
+        ("n 12 640 480\n", "", "a line `n BITS WIDTH HEIGHT` is missing"),
+        ("n 12 640 480", "n 12 640", "line 3: '12 640' must be 3 numbers"),
+        ("n 12 640 480", "n 17 640 480", "line 3: n 17 640 480 must be three whole numbers: 1 to 16 bits"),
+        ("n 12 640 480", "n 12 640 480.5", "must be three whole numbers"),
+        ("n 12 640 480", "n 12 640 480\nn 12 640 480", "line 4: n occurs a second time"),
+        ("b 40000.0 120.0", "b 40000.0", "line 5: '40000.0' must be 2 numbers"),
+        ("d 40000.0", "d -1", "line 8: '-1' must be 1 numbers, none below 0"),
+        ("d 40000.0", "d inf", "line 8: 'inf' must be 1 numbers"),
+        ("d 40000.0", "d 4 ms", "line 8: '4 ms' must be 1 numbers"),
         ("i d 2.png", "i d_3.png", "line 10: image 'd_3.png': there is no such file"),
         ("i d 2.png", r"i images\b_1.png", "is listed a second time (first in line 6)"),
         ("d 40000.0", "d 40000.0\nd 50000.0", "line 8: no image follows"),

@@ -77,7 +77,7 @@ def test_without_one_before_them_the_nearest_after_is_picked_and_that_is_said(fo
         ({"camera_serial": "B"}, "camera serial number: calibrated B, used A"),
         ({"gain_db": 6.0}, "gain setting [dB]: calibrated 6.0, used 0.0"),
         ({"bit_depth": 8}, "bit depth: calibrated 8, used 12"),
-        ({"valid_days": 3.0}, "too far in time: 14 days from the frames, holds for 3"),
+        ({"valid_days": 3.0}, "too far in time: 14 days from the frames, valid for 3"),
     ],
 )
 def test_what_does_not_fit_is_refused_with_its_reason(folder, facts, said):
@@ -160,7 +160,7 @@ def test_plan_warns_of_what_is_missing_and_of_what_expires(folder, tmp_path):
     write_noise(folder, "n.json", taken="2027-06-01")
     (folder / "torn.json").write_text('{"kind": "noise", "gain_dn_per_e": {"val')
     doubts = store_doubts(rig, rig_file, now_ns=now_ns)
-    assert any("is of 351 days from now: look at the clock" in doubt for doubt in doubts)
+    assert any("is dated 351 days ahead: check the clock" in doubt for doubt in doubts)
     assert any("calibration not read: " in doubt and "torn.json: this is no JSON file" in doubt for doubt in doubts)
 
 
@@ -221,7 +221,7 @@ CALIBRATED = MadeFor(
     ],
 )
 def test_another_device_or_setting_is_refused(kind: CalibrationKind, other: dict[str, object], named: str) -> None:
-    with pytest.raises(DataError, match=f"{KINDS[kind].name} is not of these devices") as refused:
+    with pytest.raises(DataError, match=f"{KINDS[kind].name} was made for other devices") as refused:
         require_fit(kind, CALIBRATED, replace(CALIBRATED, **other))
     assert named in str(refused.value)
 

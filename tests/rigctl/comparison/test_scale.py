@@ -276,7 +276,7 @@ def test_the_file_says_all_that_is_needed_later(tmp_path: Path, capsys: pytest.C
     assert "regions.white.stokes_radiance.0" in shown
     assert "times what the scene file says" in shown
     used = MadeFor(camera_serial="11", gain_db=3.0, taken_utc="2026-06-05T10:00:00.000000000Z")
-    assert "holds for 30" in found.doubts(used)[0]
+    assert "valid for 30" in found.doubts(used)[0]
     with pytest.raises(DataError, match="gain setting"):
         found.doubts(MadeFor(camera_serial="11", gain_db=0.0))
 
