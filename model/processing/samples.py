@@ -288,11 +288,11 @@ class RunningPixels:
         times: FloatArray | None = None,
         noise_inflation: float = 1.0,
     ) -> None:
-        self._inverse, self._times = inverse, times
+        self._times = times
         self._inside = None if inside is None else inside[_part_with(inside)]
         self._noise_inflation = noise_inflation
         self._means: list[FloatArray] = []
-        self._channels, self._stokes = _Running(), _Running()
+        self._channels = _Running(np.vstack([np.eye(inverse.shape[1]), inverse]))
         self._squares: FloatArray | None = None
 
     def add(self, pixels: FloatArray) -> None:
@@ -300,7 +300,6 @@ class RunningPixels:
         self._means.append(pixels.mean(axis=1))
         off = None if self._squares is None else pixels - self._channels.mean
         self._channels.add(pixels)
-        self._stokes.add(np.asarray(self._inverse @ pixels))
         if off is None or self._squares is None:
             self._squares = np.zeros_like(pixels)
         else:
@@ -320,13 +319,14 @@ class RunningPixels:
         if repeatability.drift and self._times is not None:
             light = 1.0 + repeatability.drift * (self._times - self._times.mean())
             first, mean = first / light[0][:, None], mean / light.mean(axis=0)[:, None]
+        temporal = self._channels.temporal(cycles, of_deviation)
         return RepeatedPixels(
             cycles=cycles,
             first=first,
             mean=mean,
             repeatability=repeatability,
-            temporal=self._channels.temporal(cycles, of_deviation),
-            temporal_stokes=self._stokes.temporal(cycles, of_deviation),
+            temporal=temporal[: len(mean)],
+            temporal_stokes=temporal[len(mean) :],
         )
 
     def _shared_noise(self) -> tuple[float, float]:
@@ -629,20 +629,30 @@ def _neighbours_are_alike(image: FloatArray, inside: NDArray[np.bool_]) -> bool:
         product = float(np.sum(centred[along] * centred[before]))
         if pairs > 0 and product / (pairs * variance) > _CORRELATION_SIGNIFICANCE / np.sqrt(pairs):
             return True
+    sums, numbers = _running_sums(centred), _running_sums(inside)
     for reach in _REACHES_PX:
-        # Each pair is counted twice.
-        twice = float(np.sum(inside * (_sum_around(inside.astype(np.float64), reach) - inside)))
-        together = float(np.sum(centred * (_sum_around(centred, reach) - centred)))
+        # Each pair is counted twice; the product of a pixel with itself is taken off.
+        twice = float(np.sum(_sums_around(numbers, reach), where=inside)) - int(inside.sum())
+        together = float(np.vdot(centred, _sums_around(sums, reach))) - variance * int(inside.sum())
         if together > _CORRELATION_SIGNIFICANCE * variance * np.sqrt(2.0 * twice):
             return True
     return False
 
 
-def _sum_around(image: FloatArray, reach: int) -> FloatArray:
-    """Return the sum over the square of pixels up to so far away, of each pixel."""
-    summed = np.cumsum(np.cumsum(np.pad(image, ((reach + 1, reach),) * 2), axis=0), axis=1)
-    side = 2 * reach + 1
-    return np.asarray(summed[side:, side:] - summed[:-side, side:] - summed[side:, :-side] + summed[:-side, :-side])
+def _running_sums(image: FloatArray | NDArray[np.bool_]) -> FloatArray:
+    """Return the sums of an image from its corner on, over a margin of the farthest reach and of one before it."""
+    reach = max(_REACHES_PX)
+    rows, columns = image.shape
+    sums = np.zeros((rows + 2 * reach + 1, columns + 2 * reach + 1))
+    sums[reach + 1 : -reach, reach + 1 : -reach] = image
+    return np.asarray(sums.cumsum(axis=0, out=sums).cumsum(axis=1, out=sums))
+
+
+def _sums_around(sums: FloatArray, reach: int) -> FloatArray:
+    """Return the sum over the square of pixels up to so far away, of each pixel, from running sums."""
+    margin, side = max(_REACHES_PX) - reach, 2 * reach + 1
+    part = sums[margin : sums.shape[0] - margin, margin : sums.shape[1] - margin]
+    return np.asarray(part[side:, side:] - part[:-side, side:] - part[side:, :-side] + part[:-side, :-side])
 
 
 # Correlation that counts as none, and its own standard errors; share of all pairs that may be taken for correlated.
@@ -774,20 +784,21 @@ def _is_chance(variance: float, noise: float, freedom: int) -> bool:
 
 
 class _Running:
-    """First, mean and squared steps of vectors of pixels; the mean over the pixels is subtracted from each step."""
+    """First and mean of vectors of pixels, and squared steps of linear functions of them, less their means."""
 
-    def __init__(self) -> None:
-        self._cycles = 0
+    def __init__(self, rows: FloatArray) -> None:
+        self._rows, self._cycles = rows, 0
         self.first = self.mean = self._before = self._steps = np.empty((0, 0))
 
     def add(self, values: FloatArray) -> None:
         self._cycles += 1
         if self._cycles == 1:
-            self.first, self.mean, self._steps = values, values.copy(), np.zeros_like(values)
+            self.first, self.mean, self._steps = values, values.copy(), np.zeros((len(self._rows), values.shape[1]))
         else:
             step = values - self._before
             step -= step.mean(axis=1, keepdims=True)
-            self._steps += np.square(step, out=step)
+            of_rows = self._rows @ step
+            self._steps += np.square(of_rows, out=of_rows)
             self.mean += (values - self.mean) / self._cycles
         self._before = values
 

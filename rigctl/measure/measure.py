@@ -372,10 +372,13 @@ def _signal_by_law(
     grid, throughput = frames.grid, frames.corrections.throughput
     to_counts = 1.0 / grid.to_unit * (1.0 if throughput is None else throughput.value)
     levels = frames.dark_level.level_dn
-    counts = np.maximum(np.rint(pixels * to_counts[:, None] + levels[:, None]), 0.0).astype(np.int64)
+    counts = np.rint(pixels * to_counts[:, None] + levels[:, None])
+    np.maximum(counts, 0.0, out=counts)
     tops = np.array([int(np.ceil(record.saturation_dn)) for record in grid.records[0]])
     stds = counts.std(axis=(0, 2))
-    at_zero, at_top = np.mean(counts == 0, axis=(0, 2)), np.mean(counts >= tops[:, None], axis=(0, 2))
+    at_zero, at_top = np.zeros((2, len(tops)))
+    for angle in np.flatnonzero((counts.min(axis=(0, 2)) == 0.0) | (counts.max(axis=(0, 2)) >= tops)).tolist():
+        at_zero[angle], at_top[angle] = np.mean(counts[:, angle] == 0.0), np.mean(counts[:, angle] >= tops[angle])
     ends = float(at_zero.max()), float(at_top.max())
     if ends[0] > _MOSTLY_CLIPPED:
         raise DataError(
@@ -388,7 +391,7 @@ def _signal_by_law(
         return None, rounding, ends
     is_lawful, tested = True, 0
     for angle, top in enumerate(tops.tolist()):
-        own, std = counts[:, angle], stds[angle]
+        own, std = counts[:, angle].astype(np.int64), stds[angle]
         highest = top if at_top[angle] else int(own.max() + 6.0 * std + 10.0)
         found = estimate_signal(own, highest=highest)
         most = _MISFIT_CLIPPED if max(at_zero[angle], at_top[angle]) > _CLIPPED else _MISFIT_ROUNDED
