@@ -247,7 +247,7 @@ def test_a_run_without_flats_says_how_to_take_them(tmp_path: Path, capsys: pytes
     assert 'kind = "flat" with angles_deg' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("frames", "problem"), [(1, "at least two"), (2, "not brighter")])
+@pytest.mark.parametrize(("frames", "problem"), [(1, "two or more"), (2, "not brighter")])
 def test_one_frame_or_no_light_is_refused(frames: int, problem: str) -> None:
     with pytest.raises(CalibrationError, match=problem):
         flat_field([np.full((3, 4), 60, dtype=np.uint16)] * frames, np.full((3, 4), 60.0))
