@@ -214,5 +214,5 @@ def test_calibrations_beside_a_run_say_whether_they_hold_for_it(tmp_path: Path) 
     }
     assert (found["ours.json"]["made_utc"], found["ours.json"]["valid_days"]) == ("2026-05-01T10:00:00Z", 30.0)
     assert found["old.json"]["valid_days"] == 365.0
-    assert "it valid for 365" in found["old.json"]["words"]
+    assert "valid for 365" in found["old.json"]["words"]
     assert "camera serial number" in found["theirs.json"]["words"]
