@@ -64,7 +64,7 @@ def test_errors_of_starts_are_printed_by_their_source(tmp_path, capsys, error_s,
         "by the camera's clock, which follows a PTP master: 2 frames, off by 1.2 us at most",
         "between the trigger and the first packet: 1 frames, off by 4 ms at most",
         "by the time stamp of the video driver: 2 frames, off by 33 ms at most (not known of 1)",
-        "by the last change of the file: 1 frames, by how much it may be off is not known",
+        "by the last change of the file: 1 frames, error not known",
     )
     assert cli.main(["status", "--contents", str(path)]) == 0
     assert told in " ".join(capsys.readouterr().out.split())
