@@ -83,8 +83,9 @@ def _session_cut_short(
 
 def _listen(process: subprocess.Popen[str], told: dict[int, str]) -> None:
     for line in process.stdout or ():
-        sequence, checksum = line.split()
-        told[int(sequence)] = checksum
+        if line.endswith("\n"):  # a line that the kill cut short acknowledges nothing
+            sequence, checksum = line.split()
+            told[int(sequence)] = checksum
 
 
 def _problems(run: Path, told: dict[int, str]) -> list[str]:
