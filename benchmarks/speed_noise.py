@@ -35,7 +35,7 @@ start = time.process_time()
 calibrate_frames(emva_frames(Path(sys.argv[1])))
 print(time.process_time() - start)
 """
-# Not `ru_maxrss`, which a process inherits from the one that started it.
+# `ru_maxrss` would include the peak of the parent process.
 _PEAK = """
 import re, sys
 from pathlib import Path

@@ -26,7 +26,7 @@ class Found:
     answer : Answer or None
         The stage.
     remark : str
-        Reason why there is none; empty if there is one.
+        Reason why no stage was found; empty if one answered.
     """
 
     port: PortInfo

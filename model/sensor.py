@@ -113,7 +113,7 @@ class Sensor:
     field_angle_rad
         Angle of the chief ray from the axis [rad], |angle| < pi/2; irradiance falls as its cos^4.
     saturates
-        Whether probabilities of clipping are computed, with warnings.
+        True computes the probabilities of clipping and warns of them.
 
     Raises
     ------

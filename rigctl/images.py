@@ -321,7 +321,7 @@ class ImageFile:
 
 @dataclass(frozen=True, kw_only=True)
 class ImageReading:
-    """How files of images are read."""
+    """Options for reading image files."""
 
     plane: Plane | None = None  #: of colour images and RAW files
     most_bytes: int = MOST_FRAME_BYTES  #: of the samples of a file

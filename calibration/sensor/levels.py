@@ -565,7 +565,7 @@ def _ordinary_pattern(
 
 
 def _defects(deviations: SingleArray, *, least_std_dn: float) -> Mask | None:
-    """Return the outlying pixels; None if there are none, or too many for single defects."""
+    """Return the outlying pixels, or None if no pixel or too many pixels deviate."""
     # An odd step covers different columns.
     some = deviations.ravel()[:: (deviations.size // _MEDIAN_PIXELS) | 1]
     middle_dn = float(np.median(some))

@@ -100,7 +100,7 @@ _ANY_SIGN, _OF_LARGEST = 0.5, np.array([2e-3, 4e-4, 4e-4])
 _FINER_GRID = 1.5
 # Light that may be off by no more than this share of the tolerance, whatever its direction, needs no closer look.
 _HARMLESS = 0.01
-# Settings of a solution, and all that the references of a sky depend on, whoever looks at it.
+# Settings of a solution, and all settings that the references of a sky depend on.
 _SOLVED = (STREAMS, LAYERS)
 _OF_SKY = (*_SOLVED, WAVELENGTHS, SKY_GRID)
 # Parts of the light that a source has, the error of the transmittance being that of all that is reflected.
@@ -205,7 +205,7 @@ def _off_by(
 
 @dataclass(frozen=True, eq=False)
 class _References:
-    """What the errors of a sky are found by, whoever looks at it; each is computed when it is first asked for."""
+    """Finer solutions of one sky, which its errors are estimated from; each is computed when first needed."""
 
     air: Air
     plan: Plan

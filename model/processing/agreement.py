@@ -236,7 +236,7 @@ class InputUpdate:
         return chi_square_tail(self.chi_square, self.degrees_of_freedom)
 
     def confused_with(self, position: int) -> tuple[int, ...]:
-        """Return the inputs that the data cannot distinguish from one that is off by five standard uncertainties.
+        """Return the inputs that the data cannot distinguish from this one if it is wrong by five std.
 
         They are the smallest group without which the probability that another input outranks it is at most 5 %, by the
         sum of the pairwise probabilities.
@@ -616,7 +616,7 @@ MOVED = 5.0
 
 
 def confusion(seen: float, alike: ArrayLike) -> FloatArray:
-    """Return the probability that another input outranks one that is off by five of its standard uncertainties.
+    """Return the probability that a correct input outranks an input that is wrong by five standard uncertainties.
 
     Scores g = 5 seen^1/2 + e and h = 5 alike seen^1/2 + f with standard normal e, f of correlation `alike`: h > g and
     -h > g are two half-planes.

@@ -6,6 +6,7 @@ reason, and the reasons against the others; `picked_for_rig` does so for a rig b
 each device through time, with control limits.
 """
 
+import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.estimate import control_chart
-from rigctl.base.durable import sha256_of
+from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded, sha256_of
 from rigctl.base.numbers import utc_moment, utc_text, wrapped
 from rigctl.calibrations.made_for import (
     KINDS,
@@ -124,6 +125,12 @@ def read_stored(file: Path) -> StoredCalibration:
     """Return the facts of a calibration of any kind that a store needs."""
     kind = kind_of(file)
     if kind is None:
+        try:
+            json.loads(read_bounded(file, MOST_TEXT_BYTES))
+        except OSError as error:
+            raise DataError(f"{file}: {error.strerror}") from error
+        except (ValueError, RecursionError) as error:
+            raise DataError(f"{file}: not valid JSON: {error}") from error
         raise DataError(f"{file}: {_OF_ANOTHER_KIND}")
     record = record_of(kind).read(file)
     return StoredCalibration(kind=kind, file=file, made_for=record.origin, numbers=record.history, parts=record.parts)

@@ -113,7 +113,7 @@ class TradeoffRequest:
     pixels: int = 1  #: Number of pixels averaged before DoLP is computed.
     disturbances: Disturbances = MORNING  #: Drift and settling.
     overhead_s: float = OVERHEAD_S  #: Turning and storing, per frame [s].
-    #: Exposures to try [s]; None for the one that fills the sensor, and shorter ones.
+    #: Exposures to try [s]; by default the exposure that fills the sensor, and shorter exposures.
     exposures_s: tuple[float, ...] | None = None
 
 
@@ -230,7 +230,7 @@ def _settle_s(disturbances: Disturbances) -> tuple[float, ...]:
 def _reached(
     sessions: SceneSessions, tried: tuple[Session, ...], request: TradeoffRequest, regions: tuple[str, ...]
 ) -> tuple[tuple[Session, Reached], ...]:
-    """Return for each angle set and pattern the shortest session, or the reason why there is none."""
+    """Return the shortest session of each angle set and pattern, or the reason why no session qualifies."""
     if request.wanted.dolp_total is None and request.wanted.p_detection is None:
         return ()
     found = []

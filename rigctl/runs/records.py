@@ -251,7 +251,7 @@ class SessionRecord:
 
     @property
     def cell_deg(self) -> tuple[float, ...] | None:
-        """Axes of the polarizers on the camera's pixels; None if there are none or they are not stated."""
+        """Axes of the polarizers on the camera's pixels; None for a camera without polarizers or if not stated."""
         polarizer = self.polarizer
         if self.rig is None or self.rig.camera is None or polarizer.sense is None or polarizer.offset_deg is None:
             return None

@@ -230,7 +230,7 @@ def _share_from(counts: NDArray[np.uint16], full_dn: int) -> float:
 def require_new_folder(path: Path) -> None:
     """Raise RunFolderError if the folder exists and is not empty."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise RunFolderError(f"{path}: not empty; a run needs its own folder. Name one that does not exist")
+        raise RunFolderError(f"{path}: not empty; a run needs its own folder. Choose a folder that does not exist")
 
 
 class EventLog:

@@ -523,7 +523,7 @@ class Inputs:
     names: tuple[str, ...]  #: Keys, such as "regions.black_panel.stokes_radiance.0".
     values: FloatArray  #: In the units of the file.
     cov: FloatArray  #: Their covariance.
-    least: FloatArray  #: Limits of each, infinite where there is none.
+    least: FloatArray  #: Limits of each; infinite if unlimited.
     most: FloatArray
     #: Inputs that were fitted together with others, whose covariance with these is of first order.
     fitted: tuple[str, ...] = ()

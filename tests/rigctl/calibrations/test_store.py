@@ -175,11 +175,14 @@ def test_of_equal_times_the_last_by_name_is_used_and_that_is_said(folder):
 def test_a_damaged_file_of_the_store_is_said_beside_what_is_picked(folder):
     write_noise(folder, "n.json", taken="2026-05-01")
     (folder / "torn.json").write_text('{"kind": "noise", "gain_dn_per_e": {"val')
+    (folder / "cut.json").write_text('{"gain_dn_per')
     (folder / "lens.json").write_text('{"kind": "lens"}')
     used = replace(USED, camera_serial=None)
     found = picked_for_scene(folder.parent / "scene.toml", used, None, None)
-    assert [line.partition(":")[0] for line in found.lines] == ["noise calibration", "calibration not read"]
-    assert [one["file"] for one in found.as_json()["calibrations_not_read"]] == [str(folder / "torn.json")]
+    assert [line.partition(":")[0] for line in found.lines] == ["noise calibration", *2 * ["calibration not read"]]
+    assert [one["file"] for one in found.as_json()["calibrations_not_read"]] == [
+        str(folder / name) for name in ("cut.json", "torn.json")
+    ]
 
 
 def test_control_limits_hold_what_does_not_move_and_show_what_does():
