@@ -160,6 +160,8 @@ def _gradients(stokes: FloatArray) -> dict[str, FloatArray]:
 LEAST_S0_DN = 1e-100
 # Tolerance at which moments of DoLP must exist, also in coarser predictions, so that finer ones do not lose them.
 _EXISTING_TO = 1e-6
+# Root of the rounding of a variance: a deviation of a ratio below this share of all fluctuations over S0 is 0.
+_ROUNDED_STD = 1e-7
 
 # quantity -> statistic -> number. Quantities: dn_ANGLE, and those of `model.quantities`.
 # Statistics: "mean"; "std" over the pixels of one frame or cycle; "std_temporal" of one pixel from repeat to repeat;
@@ -339,9 +341,10 @@ def _with_dolp(predictions: Sequence[RegionPrediction], tolerance: float) -> lis
     if lit:
         means, covs = (np.stack([getattr(predictions[k].stokes_dn, name) for k in lit]) for name in ("mean", "cov"))
         laws = dolp.moments(means, covs, tolerance=tolerance, existing_to=_EXISTING_TO)
+        stds = _above_rounding(laws.std, Moments(mean=means, cov=covs))
         for at, k in enumerate(lit):
             missing[k] = "" if laws.exists[at] else str(laws.reason[at])
-            quantities, mean, std = dict(found[k].quantities), float(laws.mean[at]), float(laws.std[at])
+            quantities, mean, std = dict(found[k].quantities), float(laws.mean[at]), float(stds[at])
             if laws.exists[at]:
                 quantities["dolp_pixels"] = {"mean": mean, "std": std}
                 if std > 0.0:
@@ -412,6 +415,12 @@ def _deviations(cov: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(np.diagonal(cov, axis1=-2, axis2=-1), 0.0)))
 
 
+def _above_rounding(std: FloatArray, stokes: Moments) -> FloatArray:
+    """Return deviations of ratios (M,) or (M, n); 0 for what is rounding, as where texture alone fluctuates."""
+    least = _ROUNDED_STD * np.sqrt(np.trace(stokes.cov, axis1=1, axis2=2)) / stokes.mean[:, 0]
+    return np.where(std > least.reshape(-1, *[1] * (std.ndim - 1)), std, 0.0)
+
+
 def _ratios(stokes: Moments) -> list[Quantities]:
     """Return what does not depend on the scale of the counts: of the mean, with first-order deviations of a pixel.
 
@@ -423,7 +432,8 @@ def _ratios(stokes: Moments) -> list[Quantities]:
         return found
     seen = Moments(mean=stokes.mean[lit], cov=stokes.cov[lit])
     normalized = normalized_moments(seen)
-    for k, mean, std in zip(lit, normalized.mean.tolist(), _deviations(normalized.cov).tolist(), strict=True):
+    deviations = _above_rounding(_deviations(normalized.cov), seen)
+    for k, mean, std in zip(lit, normalized.mean.tolist(), deviations.tolist(), strict=True):
         found[k] = {name: {"mean": mean[i], "std": std[i]} for i, name in enumerate(("s1n", "s2n"))}
         found[k]["dolp"] = {"mean": 0.0}
     is_polarised = np.hypot(seen.mean[:, 1], seen.mean[:, 2]) > _UNPOLARISED * seen.mean[:, 0]
@@ -431,8 +441,9 @@ def _ratios(stokes: Moments) -> list[Quantities]:
         return found
     polarised = Moments(mean=seen.mean[is_polarised], cov=seen.cov[is_polarised])
     angle, first = aolp_moments_rad(polarised), dolp.first_order(polarised.mean, polarised.cov)
-    angles_deg = np.rad2deg(np.stack([angle.mean[:, 0], _deviations(angle.cov)[:, 0]], axis=-1)).tolist()
-    degrees = zip(first.mean.tolist(), np.sqrt(first.variance).tolist(), strict=True)
+    angle_std = _above_rounding(_deviations(angle.cov)[:, 0], polarised)
+    angles_deg = np.rad2deg(np.stack([angle.mean[:, 0], angle_std], axis=-1)).tolist()
+    degrees = zip(first.mean.tolist(), _above_rounding(np.sqrt(first.variance), polarised).tolist(), strict=True)
     for k, (mean, std), (aolp, aolp_std) in zip(lit[is_polarised], degrees, angles_deg, strict=True):
         found[k] |= {"dolp": {"mean": mean, "std": std}, "aolp_deg": {"mean": aolp, "std": aolp_std}}
         if std > 0.0:

@@ -58,7 +58,6 @@ class Level:
 class NumericalSetting:
     """One thing that costs time and buys accuracy."""
 
-    estimate: str  #: how its error is estimated, in words
     levels: tuple[Level, ...]
 
 
@@ -162,7 +161,6 @@ NUMERICAL_SETTINGS: Mapping[str, NumericalSetting] = MappingProxyType(
     {
         # Convergence: geometric above the length of the phase function's expansion.
         STREAMS: NumericalSetting(
-            estimate="the shortest wavelength, beside the next level of streams and layers",
             levels=_levels(
                 tuple(f"{n} a hemisphere" for n in _STREAMS),
                 (5e-3, 1.5e-3, 5e-4, 6e-5, 4e-6, 3e-7, 1e-7),
@@ -171,7 +169,6 @@ NUMERICAL_SETTINGS: Mapping[str, NumericalSetting] = MappingProxyType(
         ),
         # Convergence: square of the thickness; its fourth power where two are extrapolated to none.
         LAYERS: NumericalSetting(
-            estimate="the shortest wavelength, beside the next level of streams and layers",
             levels=_levels(
                 tuple(f"{15 * n} and {30 * n}" if both else f"{15 * n}" for n, both in _LAYERS),
                 (1.5e-3, 4e-4, 1e-5, 5e-7, 6e-8, 6e-9),
@@ -180,7 +177,6 @@ NUMERICAL_SETTINGS: Mapping[str, NumericalSetting] = MappingProxyType(
         ),
         # Convergence: geometric; below 1e-4 only between the entries of the aerosol's tables.
         WAVELENGTHS: NumericalSetting(
-            estimate="the same rule for functions of depth, albedo and asymmetry",
             levels=_levels(
                 tuple(f"{n} split" if split else str(n) for n, split in _WAVELENGTHS),
                 (5e-2, 2e-3, 2e-4, 1e-4, 1e-5, 1e-6, 2e-7, 5e-8, 1e-8),
@@ -189,12 +185,10 @@ NUMERICAL_SETTINGS: Mapping[str, NumericalSetting] = MappingProxyType(
         ),
         # Convergence: geometric, as fast as the aureole lets it.
         SKY_GRID: NumericalSetting(
-            estimate="both ends of the band, as the panel reflects them, beside a finer grid",
             levels=_levels(tuple(f"{z} x {a}" for z, a in _GRIDS), (4e-4, 1.6e-4, 3e-5, 6e-6), (1.0, 2.2, 5.0, 9.4)),
         ),
         # Convergence: geometric; of the square root of the nodes where a horizon lies in the lobe.
         HEMISPHERE: NumericalSetting(
-            estimate="finer rules in corners and middle",
             levels=_levels(
                 tuple(f"{t:g}" for t in _TOLERANCES),
                 (1.5e-2, 5e-3, 1.5e-3, 5e-4, 1.5e-4, 5e-5, 5e-6, 5e-7, 2e-7),
@@ -203,7 +197,6 @@ NUMERICAL_SETTINGS: Mapping[str, NumericalSetting] = MappingProxyType(
         ),
         # Convergence: geometric over a smooth field; slower where the shadowing has its kink in it.
         TILES: NumericalSetting(
-            estimate="one more tile along each side",
             levels=_levels(
                 tuple(f"{n} x {n}" for n in _TILES),
                 (1.5e-2, 1.5e-3, 1e-4, 2e-5, 1e-5, 3e-6, 1e-6, 4e-7, 1e-7, 5e-8),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import cycle
-from math import isfinite
+from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from rigctl.report.drawing import (
 from rigctl.report.table import Column, Table, text_columns
 
 if TYPE_CHECKING:
+    from model.accuracy.predict import Predicted
     from model.prediction import PairDetection, RegionPrediction
     from rigctl.console import Json
     from rigctl.files.choices import SnrKind
@@ -36,6 +37,10 @@ Statistics = Mapping[str, float]
 _QUANTILES = ("DoLP 2.5 %", "median", "97.5 %")
 # A mean below this share of its deviation is the rounding of a sum that cancels.
 _LEAST_SHARE = 1e-9
+# The error of a number is the first of these. One below this share of the number does not show in its four digits; of
+# means it is shown down to a smaller share. From this size on a number without an error is shown to the unit.
+_ERRORS = ("std_error", "std_error_inputs", "numerical_error")
+_IN_FOUR_DIGITS, _OF_MEANS, _WHOLE = 5e-4, 1e-6, 1e4
 # Pairs of inputs whose errors go together, and the least correlation of them that is shown.
 _PAIRS, _WORTH_A_LINE = 6, 0.1
 # Of as many inputs as make the uncertainty; the rest is in the JSON.
@@ -67,16 +72,18 @@ def _with_error(row: tuple[str, Statistics], statistic: str) -> str:
     quantity, statistics = row
     if statistic not in statistics:
         return ""
-    error = statistics.get(f"{statistic}_std_error", statistics.get(f"{statistic}_std_error_inputs"))
+    error = next((statistics[key] for kind in _ERRORS if (key := f"{statistic}_{kind}") in statistics), None)
     value = statistics[statistic]
     if not isfinite(value):
         return NO_NUMBER
-    if abs(value) < _LEAST_SHARE * statistics.get("std", 0.0):
+    if value == 0.0 or abs(value) < _LEAST_SHARE * statistics.get("std", 0.0):
         return "0"
     # An interval that reaches 0 is not one of equal errors to either side.
     if error is not None and statistics.get(f"{statistic}_95_low") == 0.0:
         return f"< {to_digits(statistics[f'{statistic}_95_high'], error)} (95 %)"
-    return with_error(quantity, value, error) if error else f"{value:.6g}"
+    if error and error > (_OF_MEANS if statistic == "mean" else _IN_FOUR_DIGITS) * abs(value):
+        return with_error(quantity, value, error)
+    return f"{value:#.4g}".rstrip(".") if abs(value) < _WHOLE else f"{value:.0f}"
 
 
 def with_error(quantity: str, value: float, error: float) -> str:
@@ -130,6 +137,24 @@ def with_input_errors(
             for quantity, statistics in prediction.quantities.items()
         }
         for region, prediction in predictions.items()
+    }
+
+
+def with_numerical_errors(found: Predicted) -> dict[str, dict[str, dict[str, float]]]:
+    """Return regions with the estimated numerical error of each number that has one."""
+    from model.accuracy.chain import Reading
+
+    return {
+        region: {
+            quantity: statistics
+            | {
+                f"{name}_numerical_error": error * found.numbers[key].scale
+                for name in statistics
+                if isfinite(error := found.errors.get(key := Reading(region, quantity, name), inf))
+            }
+            for quantity, statistics in prediction.quantities.items()
+        }
+        for region, prediction in found.result.predictions.items()
     }
 
 

@@ -38,14 +38,12 @@ _SHOWN_FLOORS = ("radiance", "s1n", "s2n", "dolp_pixels", "p_detection")
 
 
 def accuracy_table(found: Predicted) -> Table[tuple[str, ...]]:
-    """Return each numerical setting with its level, its largest error, and how that was estimated."""
-    rows = [
-        (name, one.levels[found.plan[name]].label, size(found.budget.worst(name)), one.estimate)
-        for name, one in NUMERICAL_SETTINGS.items()
-    ]
-    rows += [(name, "as the tolerance asks", size(found.budget.worst(name)), "its own rule") for name in STATISTICS]
-    columns = text_columns("knob", "setting", "largest error", "estimated by", left=(0, 1, 2, 3))
-    return Table(title=f"numerical error, tolerance {found.tolerance:g}", columns=columns, rows=tuple(rows))
+    """Return each numerical setting with its level and its largest error."""
+    levels = {name: one.levels[found.plan[name]].label for name, one in NUMERICAL_SETTINGS.items()}
+    levels |= dict.fromkeys(STATISTICS, "as the tolerance asks")
+    rows = [(name, level, size(found.budget.worst(name))) for name, level in levels.items()]
+    columns = text_columns("setting", "level", "largest error", left=(0, 1))
+    return Table(title=f"numerical errors (± above), tolerance {found.tolerance:g}", columns=columns, rows=tuple(rows))
 
 
 def accuracy_lines(found: Predicted) -> list[str]:

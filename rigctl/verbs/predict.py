@@ -306,13 +306,17 @@ class Prediction(Result):
             yield from self.uncertainty.remarks or none
         elif self.uncertain_inputs and self.accuracy is None:
             yield f"{len(self.uncertain_inputs)} inputs have a stated uncertainty: --uncertainty propagates it"
+        if self.light is not None and self.light.lights and self.uncertainty is None:
+            yield "the numerical error of every number: --tolerance 0.01"
 
     def _regions(self) -> "Mapping[str, Mapping[str, Mapping[str, float]]]":
-        if self.uncertainty is None:
-            return {name: one.quantities for name, one in self.predictions.items()}
-        from rigctl.report.prediction import with_input_errors
+        from rigctl.report.prediction import with_input_errors, with_numerical_errors
 
-        return with_input_errors(self.predictions, self.uncertainty)
+        if self.uncertainty is not None:
+            return with_input_errors(self.predictions, self.uncertainty)
+        if self.accuracy is not None:
+            return with_numerical_errors(self.accuracy)
+        return {name: one.quantities for name, one in self.predictions.items()}
 
     def as_json(self) -> dict[str, Json]:
         """Return what prediction.json holds."""
