@@ -25,7 +25,7 @@ from model.surface.materials import MATERIALS, Property, properties
 from rigctl import console
 from rigctl.archive.index import COLUMNS
 from rigctl.cli import commands_page
-from rigctl.comparison.checks import AGREES, VERDICT_WORDS, VerdictName
+from rigctl.comparison.checks import AGREES, VerdictName
 from rigctl.files.materials import MaterialFile
 from rigctl.files.regions import RegionsFile
 from rigctl.files.rig_file import RigFile
@@ -283,10 +283,10 @@ def _exit_codes() -> str:
 
 def _verdicts() -> str:
     text = "\n## Verdicts of a comparison\n\n"
-    text += "| verdict | model and measurement | `agrees` | what to do |\n|---|---|---|---|\n"
+    text += "| verdict | `agrees` | what to do |\n|---|---|---|\n"
     for name in get_args(VerdictName):
         agrees = {True: "true", False: "false", None: "null"}[AGREES[name]]
-        text += f"| `{name}` | {VERDICT_WORDS[name]} | {agrees} | {_VERDICT_STEPS[name]} |\n"
+        text += f"| `{name}` | {agrees} | {_VERDICT_STEPS[name]} |\n"
     return text
 
 

@@ -22,7 +22,7 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import FrameKind
 from rigctl.files.regions import Region
 from rigctl.files.scene_file import load_scene
-from rigctl.report.data_frames import Backend, optional
+from rigctl.report.document import Backend, optional
 from rigctl.runs.check import run_with_remarks, wholeness
 from rigctl.runs.folder import Run as RunRecord
 from rigctl.runs.folder import annotated, read_contents, read_frame, read_run, writing_process

@@ -47,10 +47,9 @@ from rigctl.files.study_file import load_study
 from rigctl.mapped import PARTS_FOLDER, held_folder, mapped
 from rigctl.prediction.predict import ROC_RATES, SWEPT_RATES, ScenePredictor, parse_roc, roc_curves_of_sweep
 from rigctl.prediction.sweep import SKY_KEYS
-from rigctl.report.data_files import csv_rows, json_file, json_rows
+from rigctl.report.document import Column, Shown, Table
 from rigctl.report.drawing import MEASURED, PREDICTED, png, subplots
-from rigctl.report.output import write_folder
-from rigctl.report.table import Column, Shown, Table
+from rigctl.report.files import write_folder
 from rigctl.scene.light import SceneLight
 from rigctl.scene.scene import get, require_within, with_values
 
@@ -822,11 +821,8 @@ def _write_sensitivity(sobol: Sequence[SobolIndex], out: Path, *, created_by: st
         "schema_version": 1,
         "created_by": created_by,
         "method": "sobol",
-        "rows": list(json_rows(table)),
+        "rows": table.json(),
     }
-    files = {
-        "sensitivity.csv": csv_rows(table),
-        "sensitivity.json": json_file(content),
-        "sensitivity.png": sobol_figure(sobol),
-    }
-    return write_folder(out, files)
+    return write_folder(
+        out, {"sensitivity.csv": table, "sensitivity.json": content, "sensitivity.png": sobol_figure(sobol)}
+    )

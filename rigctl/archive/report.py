@@ -13,11 +13,9 @@ from typing import TYPE_CHECKING
 from rigctl.archive.index import COLUMNS, Fact
 from rigctl.archive.rows import RegionNumbers
 from rigctl.base.numbers import wrapped
-from rigctl.report.data_files import csv_rows, json_file, json_rows
-from rigctl.report.document import Paragraph, Picture, Report, Section, Verdict
+from rigctl.report.document import Column, Picture, Report, Section, Shown, Table, text_columns
 from rigctl.report.drawing import legend_of_all, png, subplots
-from rigctl.report.output import html, write_folder
-from rigctl.report.table import Column, Shown, Table, text_columns
+from rigctl.report.files import write_folder
 from rigctl.version import VERSION
 
 if TYPE_CHECKING:
@@ -233,14 +231,10 @@ def write_archive_rows(rows: Sequence[RunRow], verb: Verb, out: Path, *, runs: i
         "runs": runs,
         "done": len(rows),
         "verdicts": dict(Counter(row.verdict for row in rows)),
-        "rows": list(json_rows(table)),
+        "rows": table.json(),
     }
-    files = {
-        "archive.csv": csv_rows(table),
-        "archive.json": json_file(content),
-        "archive.html": html(_report(rows, verb, runs=runs, alpha=alpha)).encode(),
-    }
-    write_folder(out, files)
+    page = _report(rows, verb, runs=runs, alpha=alpha)
+    write_folder(out, {"archive.csv": table, "archive.json": content, "archive.html": page})
 
 
 def _report(rows: Sequence[RunRow], verb: Verb, *, runs: int, alpha: float) -> Report:
@@ -251,11 +245,9 @@ def _report(rows: Sequence[RunRow], verb: Verb, *, runs: int, alpha: float) -> R
     return Report(
         title=f"{runs} runs {_TITLES[verb]}",
         source="A row for each run of the archive and each of its regions; a run that failed has its reason.",
-        verdict=Verdict(
-            good=left == 0 and all(row.verdict in _GOOD for row in rows),
-            text=f"{said}{f'; {left} not done yet' if left else ''}.",
-            reasons=tuple(_reasons(rows, verb, alpha)),
-        ),
+        verdict=f"{said}{f'; {left} not done yet' if left else ''}.",
+        good=left == 0 and all(row.verdict in _GOOD for row in rows),
+        reasons=tuple(_reasons(rows, verb, alpha)),
         sections=[
             *(() if picture is None else (Section(title="Against time", blocks=(Picture(png=picture),)),)),
             *_failed(rows),
@@ -283,5 +275,5 @@ def _failed(rows: Sequence[RunRow]) -> Iterable[Section]:
             columns=text_columns("runs", "why", left=(1,)),
             rows=tuple((str(times), reason) for reason, times in failed.most_common()),
         )
-        note = Paragraph(text="Equal reasons of several runs are listed once, without their folder.")
+        note = "Equal reasons of several runs are listed once, without their folder."
         yield Section(title="Unfit", blocks=(table, note))

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 AngleT = TypeVar("AngleT", float, "NDArray[np.float64]")
+FiniteT = TypeVar("FiniteT")
 
 
 def wrapped(angle: AngleT, *, turn: float) -> AngleT:
@@ -77,6 +78,11 @@ def shown(value: object) -> str:
 
 
 _SHOWN = 200
+
+
+def finite(value: FiniteT) -> FiniteT | None:
+    """Return a value for JSON; null if it is infinite (an ideal polarizer) or missing."""
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 # For a missing number.

@@ -340,15 +340,6 @@ def _residual(measurement: Measurement, moments: Moments) -> str:
 
 VerdictName = Literal["agrees", "agrees_with_reservations", "disagrees", "cannot_be_judged"]
 
-# As a person reads it.
-VERDICT_WORDS: dict[VerdictName, str] = {
-    "agrees": "agree",
-    "agrees_with_reservations": "agree, with reservations",
-    "disagrees": "DISAGREE",
-    "cannot_be_judged": "cannot be judged",
-}
-
-
 # Whether a verdict is agreement; None for neither.
 AGREES: dict[VerdictName, bool | None] = {
     "agrees": True,

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.base.numbers import finite
 from rigctl.paper.curves import Panel, PaperFigure, curves_of
 from rigctl.paper.scenes import PANELS
 from rigctl.paper.statements import IN_WORDS, Judged, Reading, Search, descriptions, labelled, statements
-from rigctl.report.data_files import csv_rows, finite
-from rigctl.report.document import Bullets, Paragraph, Picture, Report, Section
+from rigctl.report.document import Column, Picture, Report, Section, Shown, Table, text_columns, value_columns
 from rigctl.report.drawing import COLOURS, legend_below, legend_of_all, png, say_beneath, subplots
 from rigctl.report.light import sky_picture
-from rigctl.report.output import html, write_folder
 from rigctl.report.prediction import laws_of
-from rigctl.report.table import Column, Shown, Table, text_columns
 from rigctl.scene.scene import scene_of_file
 from rigctl.scene.sky_map import sky_map
 
@@ -34,6 +29,7 @@ if TYPE_CHECKING:
     from model.processing.dolp_studies import EstimatorError
     from rigctl.console import Json
     from rigctl.paper.check import CheckedPaper, DigitisedPoint, MaterialSet
+    from rigctl.report.files import Content
 
 
 # Statements as tables, CSV and JSON.
@@ -299,8 +295,8 @@ _MEANING = (
 )
 
 
-def write_paper(found: CheckedPaper, out: Path) -> tuple[str, ...]:
-    """Write paper.html, statements.csv, statements.json, curves.csv and fig*.png; return their names."""
+def paper_files(found: CheckedPaper) -> dict[str, Content]:
+    """Return the page, statements, curves and pictures as files."""
     curves = {
         (one.name, number): curves_of(number, one.scenes, as_paper=one.as_paper)
         for one in found.sets
@@ -314,34 +310,31 @@ def write_paper(found: CheckedPaper, out: Path) -> tuple[str, ...]:
         for one in found.sets[: 1 if number in _SAME_FOR_ALL else None]
     }
     statements = [statement_json(one) for one in found.results]
-    contents = {
-        "paper.html": html(_report(found, pictures)).encode(),
+    return {
+        "paper.html": _report(found, pictures),
         "statements.json": (json.dumps(statements, indent=2, allow_nan=False) + "\n").encode(),
-        "statements.csv": csv_rows(statement_table(found.results)),
-        "curves.csv": _curves_csv(curves),
+        "statements.csv": statement_table(found.results),
+        "curves.csv": _points_table(curves),
         **pictures,
     }
-    return write_folder(out, contents)
 
 
 def _report(found: CheckedPaper, pictures: Mapping[str, bytes]) -> Report:
     tallies = tuple(f"{one.name}: {tally(one.results)}" for one in found.sets)
-    sections = [Section(title="Verdicts", blocks=(Bullets(items=tallies), Paragraph(text=_MEANING)))]
+    sections = [Section(title="Verdicts", blocks=(tallies, _MEANING))]
     for number in found.figures:
         shown = [Picture(png=png, caption=name) for name, png in pictures.items() if name.startswith(f"fig{number}-")]
         rows = [one for one in found.results if number in one.statement.figures]
-        judged = [statement_table(rows)] if rows else [Paragraph(text=_NOTHING_STATED)]
+        judged = [statement_table(rows)] if rows else [(_NOTHING_STATED)]
         drawn = [(sentence, here) for figure, sentence, here in descriptions() if figure == number]
         described = text_columns("description in the text", "here", left=(0, 1), wide=0)
         blocks = (*shown, *judged, Table(columns=described, rows=tuple(drawn)))
         sections.append(Section(title=f"Fig. {number}", blocks=blocks))
     if found.search is not None:
         note = "Computed without a tolerance; confirm a set with --materials."
-        sections.append(Section(title="Search", blocks=(Bullets(items=(*search_lines(found.search), note)),)))
-    sections.append(Section(title="Assumed", blocks=(Bullets(items=found.remarks),)))
-    sections += [
-        Section(title=f"Assumed in {one.name}", blocks=(Bullets(items=one.assumed),), folded=True) for one in found.sets
-    ]
+        sections.append(Section(title="Search", blocks=((*search_lines(found.search), note),)))
+    sections.append(Section(title="Assumed", blocks=(found.remarks,)))
+    sections += [Section(title=f"Assumed in {one.name}", blocks=(one.assumed,), folded=True) for one in found.sets]
     return Report(
         title="[MK14] figure by figure and sentence by sentence",
         source="Meng & Kerekes, An Analytical Model for Optical Polarimetric Imaging Systems, IEEE TGRS 2014",
@@ -372,17 +365,13 @@ def _picture(found: CheckedPaper, one: MaterialSet, number: int, curves: PaperFi
     return _panels_png(panels, PANELS, beneath) if number == 6 else _laws_png(panels, PANELS, beneath, points)
 
 
-def _curves_csv(curves: dict[tuple[str, int], PaperFigure | None]) -> bytes:
-    """Return the points of all curves, one per row."""
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("materials", "figure", "panel", "label", "x", "y"))
-    for (name, number), figure in curves.items():
-        if figure is None:
-            continue
-        for panel in figure.panels:
-            for curve in panel.curves:
-                writer.writerows(
-                    (name, number, panel.letter, curve.label, x, y) for x, y in zip(curve.x, curve.y, strict=True)
-                )
-    return text.getvalue().encode()
+def _points_table(curves: dict[tuple[str, int], PaperFigure | None]) -> Table[Any]:
+    """Return the points of all curves for programs, one per row."""
+    rows = tuple(
+        (name, number, panel.letter, curve.label, x, y)
+        for (name, number), figure in curves.items()
+        for panel in (figure.panels if figure is not None else ())
+        for curve in panel.curves
+        for x, y in zip(curve.x, curve.y, strict=True)
+    )
+    return Table(columns=value_columns("materials", "figure", "panel", "label", "x", "y"), rows=rows)

@@ -8,10 +8,13 @@ the terminal, in CSV and in JSON.
 from __future__ import annotations
 
 import json
+import os
+import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
-from pathlib import Path
+from importlib.metadata import version
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,15 +27,14 @@ from model.quantities import FOLLOWED, QUANTITIES, angle_of
 from model.stokes import dolp as degree_of_polarization
 from rigctl.base.numbers import NOTHING, chance, p_value, signed, size, to_digits
 from rigctl.calibrations.made_for import MeasuredOverFrames
-from rigctl.comparison.checks import ADVICE, VERDICT_WORDS, not_judged, refusals, reservations, said_of, unjudged_lines
+from rigctl.comparison.checks import ADVICE, not_judged, refusals, reservations, said_of, unjudged_lines
 from rigctl.comparison.compare import ALLOWED_SHARE
 from rigctl.comparison.rows import FAULTS, error_of_both, off_prediction
-from rigctl.console import is_anonymous
+from rigctl.console import LEFT_OUT, is_anonymous, is_personal, rewritten
 from rigctl.files.scene_file import NoiseSection
 from rigctl.measure.faults import UNSEEN
 from rigctl.prediction.predict import NO_NOISE
-from rigctl.report.data_files import csv_rows, json_file, json_rows, provenance_json, source_table
-from rigctl.report.document import Bullets, Paragraph, Picture, Pictures, Report, Section, Verbatim, Verdict
+from rigctl.report.document import Block, Column, Picture, Report, Section, Shown, Table, Verbatim, text_columns
 from rigctl.report.drawing import (
     MEASURED,
     PREDICTED,
@@ -56,9 +58,8 @@ from rigctl.report.numbers import (
     pixels_json,
     prediction_json,
 )
-from rigctl.report.output import html, report_file, write_folder
 from rigctl.report.prediction import detection_table, strength_table
-from rigctl.report.table import Column, Shown, Table
+from rigctl.version import VERSION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,7 +76,7 @@ if TYPE_CHECKING:
     from rigctl.files.regions import Region
     from rigctl.measure.faults import FaultTerm
     from rigctl.measure.measure import Measurement
-    from rigctl.report.document import Block
+    from rigctl.report.files import Content
 
 
 # Smaller errors are rounding.
@@ -335,7 +336,7 @@ def compared_json(comparison: Comparison) -> dict[str, Json]:
         "flags": [check.name for check in comparison.flags],
         "alpha": comparison.alpha,
         "scale": None if comparison.scale is None else asdict(comparison.scale),
-        "disagreements": json_rows(row_table(comparison.disagreements)),
+        "disagreements": row_table(comparison.disagreements).json(),
         "diagnosis": {
             "points_to": list(comparison.points_to),
             "advice": [ADVICE[cause] for cause in comparison.points_to],
@@ -344,7 +345,7 @@ def compared_json(comparison: Comparison) -> dict[str, Json]:
         "statistics": STATISTICS,
         "unit": measurement.grid.unit,
         "regions": {name: asdict(verdict) | rows.get(name, {}) for name, verdict in comparison.regions.items()},
-        "rows": json_rows(row_table(comparison.rows)),
+        "rows": row_table(comparison.rows).json(),
         "pixels": {name: pixels_json(region) for name, region in measurement.regions.items()},
         "explanation": None if comparison.attribution is None else asdict(comparison.attribution),
         "trends": [_trend_json(found) for found in comparison.trends],
@@ -381,7 +382,7 @@ def _rows_by_name(rows: Iterable[Row]) -> dict[str, dict[str, dict[str, Json]]]:
     """Return rows by region, quantity and statistic."""
     regions: dict[str, dict[str, dict[str, Json]]] = {}
     for row in rows:
-        numbers = json_rows(Table(columns=numbers_columns(), rows=(row,)))[0]
+        numbers = Table(columns=numbers_columns(), rows=(row,)).json()[0]
         regions.setdefault(row.region, {}).setdefault(row.quantity, {})[row.statistic] = numbers
     return regions
 
@@ -601,13 +602,14 @@ def comparison_report(comparison: Comparison) -> Report:
     return Report(
         title=f"Measurement versus model: {_run_name(measurement)}",
         source=_SIMULATED if simulated else "",
-        verdict=Verdict(good=comparison.agrees is True, text=_headline(comparison)),
+        verdict=verdict(comparison),
+        good=comparison.agrees is True,
         sections=[
             _summary(comparison),
             _pictures(measurement, comparison.run.regions),
             *_attributed(comparison),
             *_disagreements(comparison),
-            Section(title="What the verdict rests on", blocks=(Bullets(items=tuple(_reasons(comparison))),)),
+            Section(title="What the verdict rests on", blocks=(tuple(_reasons(comparison)),)),
             *annotation_sections(measurement.run.annotations),
             *_residual_of_fit(measurement),
             *_both_sides_section(comparison, measurement),
@@ -630,17 +632,21 @@ def _run_name(measurement: Measurement) -> str:
     return "/".join(measurement.run.path.absolute().parts[-1 if is_anonymous() else -2 :])
 
 
-def _headline(comparison: Comparison) -> str:
-    """Return the verdict in one sentence, with the likeliest cause of a disagreement."""
+def verdict(comparison: Comparison) -> str:
+    """Return the verdict in a sentence, with its reservations, or with the likeliest cause of a disagreement."""
+    if comparison.agrees is None:
+        return f"{not_judged(comparison.checks).capitalize()}."
     tests = sum(row.agrees is not None for row in comparison.rows)
-    held_with = reservations(comparison.checks, comparison.regions)
-    if comparison.agrees is None or not tests:
-        return verdict(comparison)
+    untested = len(comparison.rows) - tests if comparison.kind == "closed loop" else 0
+    not_counted = f"; {untested} that the prediction takes from the run itself are not counted" if untested else ""
     if comparison.agrees:
-        return f"Model and measurement agree in all {tests} tested numbers{f'; {held_with}' if held_with else ''}."
-    cause = likeliest_cause(comparison)
-    number = f"{len(comparison.disagreements)} of {tests} tested numbers"
-    return f"Model and measurement disagree in {number}{f'; likeliest cause: {cause}' if cause else ''}."
+        reasons = reservations(comparison.checks, comparison.regions)
+        reserved = f", with reservations ({reasons})" if reasons else ""
+        found, cause = f"agree{reserved}: {tests} numbers tested at alpha = {comparison.alpha:g}", ""
+    else:
+        found = f"DISAGREE in {len(comparison.disagreements)} of {tests} numbers (alpha = {comparison.alpha:g})"
+        cause = likeliest_cause(comparison)
+    return f"Model and measurement {found}{not_counted}{f'; likeliest cause: {cause}' if cause else ''}."
 
 
 def likeliest_cause(comparison: Comparison) -> str:
@@ -679,18 +685,6 @@ def _mean_of(found: Sequence[tuple[float, float]]) -> str:
     return f"{to_digits(mean, error)} ± {to_digits(error, error)}".replace("-", "−")
 
 
-def verdict(comparison: Comparison) -> str:
-    """Return the verdict in a sentence, with what it is held with."""
-    found = comparison.verdict
-    held_with = reservations(comparison.checks, comparison.regions)
-    flagged = f" {held_with[:1].upper()}{held_with[1:]}." if held_with else ""
-    if found == "cannot_be_judged":
-        return f"{not_judged(comparison.checks).capitalize()}.{flagged}"
-    if not any(row.agrees is not None for row in comparison.rows):
-        return f"Nothing was tested.{flagged}"
-    return f"Model and measurement {VERDICT_WORDS[found].lower()}.{flagged}"
-
-
 def _reasons(comparison: Comparison) -> Iterable[str]:
     yield from (f"Refused: {refusal}" for refusal in refusals(comparison.checks))
     yield from unjudged_lines(comparison.regions, comparison.checks)
@@ -713,7 +707,7 @@ def _summary(comparison: Comparison) -> Section:
         "of S1 and S2 together, and AoLP has none. Pixels: "
         f"{', '.join(f'{name} {region.pixels}' for name, region in regions.items())}."
     )
-    return Section(title="", blocks=(summary_table(comparison), Paragraph(text=note)))
+    return Section(title="", blocks=(summary_table(comparison), note))
 
 
 def _pictures(measurement: Measurement, regions: Sequence[Region]) -> Section:
@@ -721,7 +715,7 @@ def _pictures(measurement: Measurement, regions: Sequence[Region]) -> Section:
     titles = ("Map of S0", "Map of DoLP", "Map of AoLP")
     pngs = picture_pngs(maps, regions=regions)
     pictures = tuple(Picture(png=one, caption=title) for one, title in zip(pngs, titles, strict=True))
-    return Section(title="", blocks=(Pictures(pictures=pictures),))
+    return Section(title="", blocks=(pictures,))
 
 
 def _residual_of_fit(measurement: Measurement) -> Iterable[Section]:
@@ -738,7 +732,7 @@ def _disagreements(comparison: Comparison) -> Iterable[Section]:
     if comparison.disagreements:
         worst = disagreeing(comparison, _SHOWN_DISAGREEMENTS)
         text = f"The {len(worst)} farthest of {len(comparison.disagreements)}; all stand in the tables below."
-        yield Section(title="What disagrees", blocks=(mixed_row_table(worst), Paragraph(text=text)))
+        yield Section(title="What disagrees", blocks=(mixed_row_table(worst), text))
 
 
 def _attributed(comparison: Comparison) -> Iterable[Section]:
@@ -746,8 +740,8 @@ def _attributed(comparison: Comparison) -> Iterable[Section]:
     attribution = comparison.attribution
     if attribution is None:
         return
-    method = Paragraph(
-        text=f"{attribution.remark[:1].upper()}{attribution.remark[1:]}. Chi-square of the residuals: "
+    method = (
+        f"{attribution.remark[:1].upper()}{attribution.remark[1:]}. Chi-square of the residuals: "
         f"{attribution.chi_square:.1f} with {attribution.degrees_of_freedom} degrees of freedom, "
         f"{p_value(attribution.p_value)}, in the errors of measurement and inputs together. For each input alone: how "
         "far it would have to move, in its own standard uncertainties, to remove what it can of the residuals; the "
@@ -758,9 +752,9 @@ def _attributed(comparison: Comparison) -> Iterable[Section]:
     if attribution.moves:
         details += (move_table(attribution),)
     if attribution.unseen:
-        details += (Paragraph(text="The data do not depend on " + ", ".join(attribution.unseen) + "."),)
-    fitted = Paragraph(
-        text="FITTED to this run, not measured otherwise: all inputs updated at once (Bayesian linear update), each "
+        details += (("The data do not depend on " + ", ".join(attribution.unseen) + "."),)
+    fitted = (
+        "FITTED to this run, not measured otherwise: all inputs updated at once (Bayesian linear update), each "
         "held by its stated uncertainty. Not for a comparison with the run that they were fitted to."
     )
     details += (fitted, fitted_table(attribution))
@@ -794,8 +788,8 @@ def _both_sides_section(comparison: Comparison, measurement: Measurement) -> Ite
 
 def _trends(comparison: Comparison) -> Iterable[Section]:
     if comparison.trends:
-        note = Paragraph(
-            text="Order of numbers, whatever their scale. A pair is known where it differs by more than two standard "
+        note = (
+            "Order of numbers, whatever their scale. A pair is known where it differs by more than two standard "
             "errors on both sides; the trend is predicted where every known pair is in order. The chance is that of so "
             "good an order by accident: few numbers make weak evidence."
         )
@@ -813,15 +807,15 @@ def _uncertainty(comparison: Comparison) -> Iterable[Section]:
     )
     yield Section(
         title="Uncertainty budget",
-        blocks=(picture, Paragraph(text="Of DoLP, in numbers:"), budget_table(known, "dolp")),
+        blocks=(picture, "Of DoLP, in numbers:", budget_table(known, "dolp")),
     )
 
 
 def _effects(effects: NumericalAccuracy | None) -> Iterable[Section]:
     if effects is None:
         return
-    note = Paragraph(
-        text="The most that leaving an effect out can change: of DoLP, s1 and s2 absolute, of the counts relative. "
+    note = (
+        "The most that leaving an effect out can change: of DoLP, s1 and s2 absolute, of the counts relative. "
         "Called for: whether leaving it out could cost more than half of the numerical tolerance. A comparison takes "
         "every effect behind the lens, and those of the light that are called for, but for what somebody left out by "
         "request (rigctl effects, --without)."
@@ -834,8 +828,8 @@ def _by_itself(comparison: Comparison) -> Iterable[Section]:
     found = comparison.run.diagnosis
     if found is not None and found.terms:
         blocks += (
-            Paragraph(
-                text="What more than three angles leave over, fitted by every fault at once; those that explain it "
+            (
+                "What more than three angles leave over, fitted by every fault at once; those that explain it "
                 f"best stand first. {UNSEEN[:1].upper()}{UNSEEN[1:]}."
             ),
             fault_table(found.terms),
@@ -845,21 +839,21 @@ def _by_itself(comparison: Comparison) -> Iterable[Section]:
 
 def _strength(comparison: Comparison) -> Iterable[Section]:
     performance = comparison.performance
-    strength = Paragraph(
-        text="By the model, for single pixels of one cycle: quantiles of DoLP by its exact law; how mean and deviation "
+    strength = (
+        "By the model, for single pixels of one cycle: quantiles of DoLP by its exact law; how mean and deviation "
         "of DoLP were found and the error of that by its own estimate; NEDoLP, the deviation of DoLP that unpolarised "
         "light of this intensity would show by temporal noise."
     )
     blocks: tuple[Block, ...] = (strength, strength_table(comparison.predictions, performance))
     if any(found is not None and found.nedolp is None for found in performance.strengths.values()):
-        blocks += (Paragraph(text=f"NEDoLP is not known: {NO_NOISE}."),)
+        blocks += (f"NEDoLP is not known: {NO_NOISE}.",)
     detection = detection_table(performance)
     if detection.rows:
         text = (
             "Probability of detection by RX on Stokes parameters ([MK14] eq. 30), exact law, at a probability of false "
             "alarm of:"
         )
-        blocks += (Paragraph(text=text), detection)
+        blocks += (text, detection)
     yield Section(title="Strength of polarization, and detection", blocks=blocks)
 
 
@@ -868,8 +862,8 @@ def _numbers(comparison: Comparison, measurement: Measurement) -> Iterable[Secti
     yield Section(
         title="All numbers",
         blocks=(
-            Paragraph(
-                text=f"Counts and Stokes parameters in {measurement.grid.unit}, dark level taken off. ratio_ANGLE: "
+            (
+                f"Counts and Stokes parameters in {measurement.grid.unit}, dark level taken off. ratio_ANGLE: "
                 f"counts behind an angle over the mean of all. Deviations: {meanings}. Detectable: the smallest "
                 "difference that the test finds with a probability of 90 %. Rows without a verdict are no tests: their "
                 "prediction was made from this very number."
@@ -882,9 +876,9 @@ def _numbers(comparison: Comparison, measurement: Measurement) -> Iterable[Secti
 
 
 def _limits_section(comparison: Comparison) -> Iterable[Section]:
-    yield Section(title="What this does not test", blocks=(Bullets(items=comparison.not_tested),))
+    yield Section(title="What this does not test", blocks=(comparison.not_tested,))
     if comparison.remarks:
-        yield Section(title="Assumed, overruled, left out", blocks=(Bullets(items=comparison.remarks),))
+        yield Section(title="Assumed, overruled, left out", blocks=(comparison.remarks,))
 
 
 def _calibration(noise: NoiseParameters | None) -> Iterable[Section]:
@@ -893,8 +887,8 @@ def _calibration(noise: NoiseParameters | None) -> Iterable[Section]:
 
 
 def _sources(comparison: Comparison) -> Iterable[Section]:
-    yield Section(title="Where it comes from", blocks=(source_table(comparison), Paragraph(text=_MODEL)))
-    provenance = Verbatim(text=json.dumps(provenance_json(comparison), indent=2))
+    yield Section(title="Where it comes from", blocks=(source_table(comparison), _MODEL))
+    provenance = Verbatim(json.dumps(provenance_json(comparison), indent=2))
     yield Section(title="Provenance in full", blocks=(provenance,), folded=True, printed=False)
 
 
@@ -907,25 +901,79 @@ def light_section(lights: Mapping[str, FieldLight]) -> Section:
     picture = Picture(
         png=light_figure(lights), caption="What the light at the aperture is made of; the stroke is the total."
     )
-    return Section(title="What the light is made of", blocks=(Paragraph(text=text), share_table(lights), picture))
+    return Section(title="What the light is made of", blocks=(text, share_table(lights), picture))
 
 
-def write_comparison(comparison: Comparison, out: Path) -> None:
-    """Write comparison.json, comparison.csv, prediction.json, measurement.json, report.html and report.pdf."""
+def comparison_files(comparison: Comparison) -> dict[str, Content]:
+    """Return numbers and reports of a comparison as files."""
     report = comparison_report(comparison)
-    contents = {
-        "prediction.json": json_file(
-            prediction_json(comparison.predictions, comparison.performance, remarks=comparison.remarks)
-        ),
-        "measurement.json": json_file(measurement_json(comparison.measurement)),
-        "comparison.json": json_file(compared_json(comparison)),
-        "comparison.csv": csv_rows(row_table(comparison.rows)),
-        "report.html": html(report).encode(),
-        "report.pdf": report_file(report, Path("report.pdf")),
+    return {
+        "prediction.json": prediction_json(comparison.predictions, comparison.performance, remarks=comparison.remarks),
+        "measurement.json": measurement_json(comparison.measurement),
+        "comparison.json": compared_json(comparison),
+        "comparison.csv": row_table(comparison.rows),
+        "report.html": report,
+        "report.pdf": report,
     }
-    write_folder(out, contents)
 
 
-def write_comparison_numbers(comparison: Comparison, out: Path) -> None:
-    """Write comparison.json alone."""
-    write_folder(out, {"comparison.json": json_file(compared_json(comparison))})
+_LIBRARIES = ("numpy", "scipy", "matplotlib", "opencv-contrib-python-headless", "reportlab")
+
+
+def provenance_json(found: Comparison) -> dict[str, Json]:
+    """Return the provenance of a comparison as JSON, without absolute paths."""
+    run = found.measurement.run
+    told = {
+        "program": f"rigctl {VERSION}",
+        "run": {"path": str(run.path), "created_by": run.created_by, "created_utc": run.created_utc},
+        "files": found.files,
+        "settings": {"alpha": found.alpha, "scale": "absolute" if found.scale is None else found.scale.kind},
+        # Last digits and single pixels may depend on these.
+        "machine": {name: version(name) for name in _LIBRARIES}
+        | {"python": platform.python_version(), "processor": platform.machine()},
+        "session": run.session_json,
+    }
+    return dict(told_places(told))
+
+
+def told_places(content: Any) -> Any:
+    """Return the content of a report without absolute paths; without folders and personal values if anonymous."""
+
+    def value(key: str, one: Json) -> Json:
+        return LEFT_OUT if is_anonymous() and one is not None and is_personal(key) else one
+
+    return rewritten(content, text=_told_path, value=value)
+
+
+def _told_path(text: str) -> str:
+    if is_anonymous() and "/" in text and "\n" not in text and "://" not in text:
+        return PurePath(text).name
+    if text.startswith("/") and "\n" not in text and len(text) < os.pathconf("/", "PC_PATH_MAX"):
+        return os.path.relpath(text)
+    return text
+
+
+def source_table(found: Comparison) -> Table[tuple[str, str]]:
+    """Return the source of the frames and their settings, for people."""
+    measurement, grid = found.measurement, found.measurement.grid
+    first = grid.records[0][0]
+    exposures = "not known" if grid.exposures_s is None else ", ".join(f"{1000 * t:g}" for t in grid.exposures_s)
+    facts = {
+        "run": told_places(str(measurement.run.path)),
+        "frames come from": measurement.run.session.origin or "not said",
+        "camera": f"{first.camera_model or 'not known'}, serial number {_serial(first.camera_serial)}",
+        "stage": f"{first.stage_model or 'not known'}, serial number {_serial(first.stage_serial)}",
+        "polarizer angles, measured [deg]": ", ".join(f"{a:.3f}" for a in np.degrees(grid.polarizer_angles_rad)),
+        "extinction ratio of the polarizer": f"{measurement.extinction_ratio:g}",
+        "cycles": str(grid.cycles),
+        "exposure [ms]": exposures,
+        "dark level": measurement.dark_level.source,
+        "saturated pixels in the picture": str(int(measurement.saturated.sum())),
+        "missing pixels in the picture": str(int(measurement.missing.sum())),
+        "first frame": first.start_utc or "not known",
+    }
+    return Table(columns=text_columns("what", "which", left=(0, 1), wide=1), rows=tuple(facts.items()))
+
+
+def _serial(text: str | None) -> str:
+    return LEFT_OUT if is_anonymous() else text or "not known"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rigctl.prediction.predict import FALSE_ALARM_RATES
-from rigctl.report.data_files import csv_rows, json_rows
+from rigctl.report.document import AnyTable, Column, Shown, Table, value_columns
 from rigctl.report.drawing import (
     MEASURED,
     PREDICTED,
@@ -20,17 +20,17 @@ from rigctl.report.drawing import (
     png,
     subplots,
 )
-from rigctl.report.table import Column, Shown, Table
+from rigctl.report.files import fits_image
 
 if TYPE_CHECKING:
     from model.prediction import PairDetection
     from rigctl.comparison.detect import RxOnRun
     from rigctl.console import Json
     from rigctl.files.choices import RocKind
+    from rigctl.report.files import Content
 
 
 DETECTION_SCHEMA = 1
-_Row = tuple[int, str, float, float, float]
 
 
 def measured_roc_table(found: RxOnRun) -> Table[int]:
@@ -78,7 +78,7 @@ def detection_json(found: RxOnRun) -> dict[str, Json]:
         "predicted_from": found.predicted_from,
         "band_level": found.band_level,
         "auc_known_background": found.auc,
-        "points": json_rows(round_roc_table(found)),
+        "points": round_roc_table(found).json(),
         "warnings": list(found.warnings),
     }
 
@@ -106,22 +106,16 @@ def _nested(values: Any) -> Any:
     return None if np.isnan(values) else float(values)
 
 
-def roc_csv(curves: Mapping[RocKind, Sequence[PairDetection]]) -> bytes:
-    """Return curves as CSV, one row per point and false alarm probability; points are rows of sweep.csv."""
-    rows: list[_Row] = [
+def roc_points(curves: Mapping[RocKind, Sequence[PairDetection]]) -> AnyTable:
+    """Return a row per point and false alarm probability of every curve; points are rows of sweep.csv."""
+    rows = [
         (point, kind, float(rate), float(detected), one.auc)
         for kind, found in curves.items()
         for point, one in enumerate(found)
         for rate, detected in zip(one.p_false_alarm, one.p_detection, strict=True)
     ]
-    columns: tuple[Column[_Row], ...] = (
-        Column(key="point", value=lambda row: row[0]),
-        Column(key="kind", value=lambda row: row[1]),
-        Column(key="p_false_alarm", value=lambda row: row[2]),
-        Column(key="p_detection", value=lambda row: row[3]),
-        Column(key="auc", value=lambda row: row[4]),
-    )
-    return csv_rows(Table(columns=columns, rows=tuple(rows)))
+    columns = value_columns("point", "kind", "p_false_alarm", "p_detection", "auc")
+    return Table(columns=columns, rows=tuple(rows))
 
 
 def roc_table(curves: Mapping[RocKind, Sequence[PairDetection]]) -> Table[tuple[str, PairDetection]]:
@@ -200,3 +194,15 @@ def roc_png(curves: Mapping[RocKind, Sequence[PairDetection]], labels: Sequence[
         ax.set_title(f"RX on {kind}: {found[0].target} on {found[0].background}", fontsize=10)
         legend_below(ax)
     return png(figure)
+
+
+def detection_files(found: RxOnRun) -> dict[str, Content]:
+    """Return the map of the statistic, curves and numbers as files."""
+    what = f"RX statistic D against {found.background}; NaN: undefined"
+    return {
+        "rx.fits": fits_image(found.statistic, unit="", what=what),
+        "rx.png": statistic_picture(found),
+        "roc.csv": measured_roc_table(found),
+        "roc.png": roc_plot(found),
+        "detection.json": detection_json(found),
+    }

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from model.effects.planner import EFFECTS
 from rigctl.base.numbers import NOTHING, size
-from rigctl.report.table import Column, Table
+from rigctl.report.document import Column, Table
 from rigctl.scene.effects import statement_of
 
 if TYPE_CHECKING:

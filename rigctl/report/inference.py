@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rigctl.base.numbers import chance, percent, to_digits
+from rigctl.base.numbers import chance, finite, percent, to_digits
 from rigctl.comparison.inference import QUANTITIES, Inference
-from rigctl.report.data_files import csv_rows, finite, json_file, json_rows
+from rigctl.report.document import Column, Shown, Table, value_columns
 from rigctl.report.drawing import MEASURED, PREDICTED, png, subplots
-from rigctl.report.output import write_folder
-from rigctl.report.table import Column, Shown, Table
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from numpy.typing import NDArray
 
     from rigctl.console import Json
+    from rigctl.report.files import Content
 
     FloatArray = NDArray[np.float64]
 
@@ -167,11 +164,11 @@ def inference_json(found: Inference) -> dict[str, Json]:
         "schema_version": 1,
         "answer": answer(found),
         "runs": list(found.evidence.runs),
-        "inputs": [dict(row) for row in json_rows(inputs_table(found))],
+        "inputs": inputs_table(found).json(),
         "correlation": posterior.correlation.tolist(),
         "indistinguishable": [list(group) for group in found.indistinguishable],
         "not_inferred": list(found.evidence.untaught),
-        "regions": [dict(row) for row in json_rows(regions_table(found))],
+        "regions": regions_table(found).json(),
         "unexplained": list(unexplained(found)),
         "discrepancy_scales": {
             name: {"mean": float(draws.mean()), "from_95": float(low), "to_95": float(high)}
@@ -193,31 +190,17 @@ def inference_json(found: Inference) -> dict[str, Json]:
     }
 
 
-def write_inference(found: Inference, folder: Path) -> tuple[str, ...]:
-    """Write numbers, pictures, draws and materials into a folder; return their names."""
-    return write_folder(
-        folder,
-        {
-            "posterior.json": json_file(inference_json(found)),
-            "posterior.csv": csv_rows(inputs_table(found)),
-            "draws.csv": _draws_csv(found),
-            "corner.png": corner_png(found),
-            "check.png": check_png(found),
-            **_materials(found),
-        },
-    )
-
-
-def _draws_csv(found: Inference) -> bytes:
-    columns = tuple(
-        Column["FloatArray"](key=parameter.key, value=_number(k))
-        for k, parameter in enumerate(found.evidence.parameters)
-    )
-    return csv_rows(Table(columns=columns, rows=tuple(found.posterior.inputs)))
-
-
-def _number(place: int) -> Callable[[FloatArray], float]:
-    return lambda row: float(row[place])
+def inference_files(found: Inference) -> dict[str, Content]:
+    """Return numbers, pictures, draws and materials as files."""
+    columns = value_columns(*(parameter.key for parameter in found.evidence.parameters))
+    return {
+        "posterior.json": inference_json(found),
+        "posterior.csv": inputs_table(found),
+        "draws.csv": Table(columns=columns, rows=tuple(found.posterior.inputs)),
+        "corner.png": corner_png(found),
+        "check.png": check_png(found),
+        **_materials(found),
+    }
 
 
 def _materials(found: Inference) -> dict[str, bytes]:

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from model.stokes import aolp_rad, dolp
 from rigctl.base.numbers import size
+from rigctl.report.document import Column, Shown, Table
 from rigctl.report.drawing import (
     legend_of_all,
     png,
     say_beneath,
     subplots,
 )
-from rigctl.report.table import Column, Shown, Table
 from rigctl.scene.sky_map import sky_difference
 
 if TYPE_CHECKING:

@@ -5,27 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.base.numbers import NOTHING
-from rigctl.report.data_files import csv_rows, fits_image, json_file
+from rigctl.report.document import Column, Table
 from rigctl.report.drawing import (
     DrawnPicture,
     pictures_png,
 )
-from rigctl.report.output import write_folder
 from rigctl.report.prediction import with_error
-from rigctl.report.table import Column, Table
 
 if TYPE_CHECKING:
-    from rigctl.comparison.detect import RxOnRun
     from rigctl.console import Json
     from rigctl.files.regions import Region
     from rigctl.measure.measure import MeasuredRegion, Measurement, PolarizationImages
+    from rigctl.report.files import Content
 
 
 AnyFloatArray = NDArray[np.floating]
@@ -119,33 +116,15 @@ def _shown(image: AnyFloatArray, *, most: float = np.inf) -> tuple[float, float]
     return float(low), float(max(min(high, most), low + _LEAST_SPAN * max(abs(low), _LEAST_SPAN)))
 
 
-def write_stokes(
-    measurement: Measurement, regions: list[Region], out: Path, *, fits: bytes, numbers: Mapping[str, Json]
-) -> tuple[str, ...]:
-    """Write pictures and numbers of a measurement into a folder; return the names of the files."""
+def stokes_files(
+    measurement: Measurement, regions: list[Region], *, fits: bytes, numbers: Mapping[str, Json]
+) -> dict[str, Content]:
+    """Return pictures and numbers of a measurement as files."""
     images, unit = measurement.images, measurement.grid.unit
-    contents = {
+    return {
         "stokes.fits": fits,
         "pictures.png": scene_pictures(images, regions, unit=unit),
         "aolp.png": aolp_picture(images),
         **({} if images.residual is None else {"residual.png": residual_picture(images.residual)}),
-        "stokes.json": json_file(numbers),
+        "stokes.json": numbers,
     }
-    return write_folder(out, contents)
-
-
-def write_detection(found: RxOnRun, out: Path) -> tuple[str, ...]:
-    """Write rx.fits, rx.png, roc.csv, roc.png and detection.json into a folder; return their names."""
-    from rigctl.report.detection import detection_json, measured_roc_table, roc_plot, statistic_picture
-
-    contents = {
-        "rx.fits": fits_image(
-            found.statistic, unit="", what=f"RX statistic D against {found.background}; NaN: undefined"
-        ),
-        "rx.png": statistic_picture(found),
-        # Line ends of RFC 4180.
-        "roc.csv": csv_rows(measured_roc_table(found), line_end="\r\n"),
-        "roc.png": roc_plot(found),
-        "detection.json": json_file(detection_json(found)),
-    }
-    return write_folder(out, contents)

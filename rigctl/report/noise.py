@@ -14,7 +14,7 @@ from calibration.sensor.emva1288 import EMVA_SYMBOLS
 from calibration.sensor.noise import first_lines, not_known, temporal_noise_e, total_noise_e
 from calibration.sensor.pattern import Defect
 from rigctl.base.numbers import to_digits, utc_moment
-from rigctl.report.document import Bullets, Paragraph, Picture, Report, Section, Terms
+from rigctl.report.document import Column, Picture, Report, Section, Shown, Table, text_columns
 from rigctl.report.drawing import (
     MEASURED,
     PREDICTED,
@@ -27,7 +27,6 @@ from rigctl.report.drawing import (
     png,
     subplots,
 )
-from rigctl.report.table import Column, Shown, Table, text_columns
 from rigctl.version import VERSION
 
 if TYPE_CHECKING:
@@ -691,16 +690,16 @@ def calibration_report(noise: NoiseCalibration, frames: FrameSet, *, created_utc
     rows = calibration_rows(noise)
     unknown = tuple(unknown_lines(noise))
     numbers: tuple[Block, ...] = (
-        Bullets(items=first_lines(noise)),
-        Paragraph(text=_NUMBERS),
+        first_lines(noise),
+        _NUMBERS,
         calibration_table(rows),
-        *((Bullets(items=unknown),) if unknown else ()),
+        *((unknown,) if unknown else ()),
     )
     return Report(
         title=f"Sensor noise: {Path(frames.source.path).name}",
         source=_facts(frames.source, created_utc),
         sections=[
-            Section(title="Numbers", blocks=(*numbers, Bullets(items=tuple(remarks))) if remarks else numbers),
+            Section(title="Numbers", blocks=(*numbers, tuple(remarks)) if remarks else numbers),
             Section(title="Findings in the frames", blocks=(_flags(noise.flags),)),
             *_curves(noise),
             *_pattern(noise.pattern),
@@ -712,7 +711,7 @@ def calibration_report(noise: NoiseCalibration, frames: FrameSet, *, created_utc
                         rows=tuple(_sheet_facts(noise, frames)),
                     ),
                     sheet_table(rows),
-                    Paragraph(text=_SHEET),
+                    _SHEET,
                 ),
             ),
         ],
@@ -721,8 +720,9 @@ def calibration_report(noise: NoiseCalibration, frames: FrameSet, *, created_utc
 
 def _flags(flags: tuple[Flag, ...]) -> Block:
     if not flags:
-        return Paragraph(text="No findings.")
-    return Terms(items=tuple((flag.name, flag.message) for flag in flags))
+        return "No findings."
+    rows = tuple((flag.name, flag.message) for flag in flags)
+    return Table(columns=text_columns("finding", "meaning", left=(0, 1), wide=1), rows=rows)
 
 
 def _curves(noise: NoiseCalibration) -> Iterable[Section]:
@@ -739,11 +739,11 @@ def _pictured(title: str, png: bytes | None, caption: str, *, otherwise: str = "
     """Return a section with a figure, or with words if there is nothing to draw."""
     if png is not None:
         return Section(title=title, blocks=(Picture(png=png, caption=caption),))
-    return Section(title=title, blocks=(Paragraph(text=otherwise),))
+    return Section(title=title, blocks=(otherwise,))
 
 
 def _pattern(pattern: FixedPattern | None) -> Iterable[Section]:
-    blocks: tuple[Block, ...] = (Paragraph(text="No flat is brighter than a dark level: there are no maps."),)
+    blocks: tuple[Block, ...] = ("No flat is brighter than a dark level: there are no maps.",)
     if pattern is not None:
         by_frequency = "The fixed pattern by spatial frequency; independent pixels make a level line."
         blocks = (

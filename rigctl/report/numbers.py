@@ -9,11 +9,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from rigctl.base.numbers import covariance_rows
+from rigctl.base.numbers import covariance_rows, finite
 from rigctl.measure.faults import UNSEEN
-from rigctl.report.data_files import finite
-from rigctl.report.document import Section
-from rigctl.report.table import Column, Table
+from rigctl.report.document import Column, Section, Table
 from rigctl.runs.records import frames_text
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import os
 import time
-from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from typing import Any
 from xml.sax.saxutils import escape
 
 from reportlab import rl_config
@@ -14,18 +14,13 @@ from reportlab.lib import colors
 from reportlab.lib.pagesizes import A4
 from reportlab.lib.styles import ParagraphStyle
 from reportlab.lib.units import mm
+from reportlab.lib.utils import ImageReader
+from reportlab.pdfbase.pdfmetrics import stringWidth
+from reportlab.platypus import Image, KeepTogether, Paragraph, Preformatted, SimpleDocTemplate, Spacer
+from reportlab.platypus import Table as Grid
 
 from rigctl.console import told
-from rigctl.report.document import Bullets, Paragraph, Picture, Pictures, Terms, Verbatim
-from rigctl.report.table import Shown, Table
-
-if TYPE_CHECKING:
-    from reportlab.platypus import Paragraph as Text
-    from reportlab.platypus import Table as Grid
-
-    from rigctl.report.document import Report, Section, Verdict
-    from rigctl.report.table import AnyTable, Column
-
+from rigctl.report.document import AnyTable, Column, Picture, Report, Section, Shown, block_kind
 
 # Raw bytes: base 85 makes a file a quarter longer and doubles the time.
 rl_config.useA85 = 0
@@ -52,8 +47,6 @@ _CODE = ParagraphStyle("code", fontName="Courier", fontSize=6, leading=7.2)
 
 def pdf(report: Report) -> bytes:
     """Return the report as the bytes of a PDF file with today's date, or that of SOURCE_DATE_EPOCH: the same bytes."""
-    from reportlab.platypus import SimpleDocTemplate
-
     buffer = io.BytesIO()
     document = SimpleDocTemplate(
         buffer,
@@ -70,27 +63,21 @@ def pdf(report: Report) -> bytes:
 
 
 def _flow(report: Report) -> Iterable[Any]:
-    from reportlab.platypus import Paragraph as Text
-    from reportlab.platypus import Spacer
-
-    yield Text(_safe(report.title), _TITLE)
-    yield Text(_safe(report.source), _CAPTION)
+    yield Paragraph(_safe(report.title), _TITLE)
+    yield Paragraph(_safe(report.source), _CAPTION)
     yield Spacer(1, 4)
-    if report.verdict is not None:
-        yield from (_verdict(report.verdict), Spacer(1, 6))
+    if report.verdict:
+        yield from (_verdict(report), Spacer(1, 6))
     for section in filter(lambda section: section.printed, report.sections):
         yield from _section(section)
 
 
-def _verdict(verdict: Verdict) -> Grid:
-    from reportlab.platypus import Paragraph as Text
-    from reportlab.platypus import Table as Grid
-
-    lines = [Text(f"<b>{_safe(verdict.text)}</b>", ParagraphStyle("v", parent=_BODY, fontSize=11, leading=14))]
-    lines += [Text(_bold_before(word, text), _BODY) for word, text in verdict.reasons]
+def _verdict(report: Report) -> Grid:
+    lines = [Paragraph(f"<b>{_safe(report.verdict)}</b>", ParagraphStyle("v", parent=_BODY, fontSize=11, leading=14))]
+    lines += [Paragraph(_bold_before(word, text), _BODY) for word, text in report.reasons]
     style = [
         ("BACKGROUND", (0, 0), (-1, -1), colors.HexColor("#f4f6f8")),
-        ("LINEBEFORE", (0, 0), (0, -1), 4, _BLUE if verdict.good else _ORANGE),
+        ("LINEBEFORE", (0, 0), (0, -1), 4, _BLUE if report.good else _ORANGE),
         ("LEFTPADDING", (0, 0), (-1, -1), 9),
     ]
     return Grid([[line] for line in lines], colWidths=[_WIDTH], style=style)
@@ -101,63 +88,49 @@ def _bold_before(word: str, text: str) -> str:
 
 
 def _section(section: Section) -> Iterable[Any]:
-    from reportlab.platypus import KeepTogether
-    from reportlab.platypus import Paragraph as Text
-
     if not section.title:
         for block in section.blocks:
-            yield from _DRAWN[type(block)](block)
+            yield from _drawn(block)
         return
-    heading = Text(_safe(section.title), _HEADING)
+    heading = Paragraph(_safe(section.title), _HEADING)
     for place, block in enumerate(section.blocks):
-        drawn = _DRAWN[type(block)](block)
+        drawn = _drawn(block)
         # A heading stays with its content, a picture with its caption; a table may be longer than a page.
-        if isinstance(block, Table | Verbatim):
+        if block_kind(block) in ("table", "verbatim"):
             heading.keepWithNext = place == 0
             yield from [heading, *drawn] if place == 0 else drawn
         else:
             yield KeepTogether([heading, *drawn] if place == 0 else drawn)
 
 
-def _paragraph(block: Paragraph) -> list[Any]:
-    from reportlab.platypus import Paragraph as Text
-
-    return [Text(_safe(block.text), _BODY)]
-
-
-def _bullets(block: Bullets) -> list[Any]:
-    from reportlab.platypus import Paragraph as Text
-
-    return [Text(_safe(text), _BODY, bulletText="-") for text in block.items]
-
-
-def _terms(block: Terms) -> list[Any]:
-    from reportlab.platypus import Paragraph as Text
-
-    return [Text(_bold_before(name, text), _BODY) for name, text in block.items]
+def _drawn(block: Any) -> list[Any]:
+    match block_kind(block):
+        case "paragraph":
+            return [Paragraph(_safe(block), _BODY)]
+        case "bullets":
+            return [Paragraph(_safe(text), _BODY, bulletText="-") for text in block]
+        case "picture":
+            return _picture(block)
+        case "pictures":
+            return _pictures(block)
+        case "verbatim":
+            return _verbatim(block)
+    return _table(block)
 
 
 def _picture(block: Picture) -> list[Any]:
-    from reportlab.lib.utils import ImageReader
-    from reportlab.platypus import Image
-    from reportlab.platypus import Paragraph as Text
-
     width, height = ImageReader(io.BytesIO(block.png)).getSize()
     scale = min(_WIDTH / width, 0.8 * _HEIGHT / height, _POINTS_PER_PIXEL)
     image = Image(io.BytesIO(block.png), width=scale * width, height=scale * height)
-    return [image, Text(_safe(block.caption), _CAPTION)] if block.caption else [image]
+    return [image, Paragraph(_safe(block.caption), _CAPTION)] if block.caption else [image]
 
 
-def _pictures(block: Pictures) -> list[Any]:
-    from reportlab.lib.utils import ImageReader
-    from reportlab.platypus import Image
-    from reportlab.platypus import Table as Grid
-
-    sizes = [ImageReader(io.BytesIO(one.png)).getSize() for one in block.pictures]
+def _pictures(pictures: tuple[Picture, ...]) -> list[Any]:
+    sizes = [ImageReader(io.BytesIO(one.png)).getSize() for one in pictures]
     scale = min(_WIDTH / sum(width for width, _ in sizes), _POINTS_PER_PIXEL)
     images = [
         Image(io.BytesIO(one.png), width=scale * width, height=scale * height)
-        for one, (width, height) in zip(block.pictures, sizes, strict=True)
+        for one, (width, height) in zip(pictures, sizes, strict=True)
     ]
     return [
         Grid(
@@ -171,10 +144,8 @@ def _pictures(block: Pictures) -> list[Any]:
     ]
 
 
-def _verbatim(block: Verbatim) -> list[Any]:
-    from reportlab.platypus import Preformatted
-
-    lines = _plain(block.text).splitlines()
+def _verbatim(text: str) -> list[Any]:
+    lines = _plain(text).splitlines()
     shown = [line[:_VERBATIM_COLUMNS] for line in lines[:_VERBATIM_LINES]]
     if len(lines) > len(shown):
         shown.append(f"... {len(lines) - len(shown)} more lines in comparison.json")
@@ -182,9 +153,6 @@ def _verbatim(block: Verbatim) -> list[Any]:
 
 
 def _table(block: AnyTable) -> list[Any]:
-    from reportlab.platypus import Spacer
-    from reportlab.platypus import Table as Grid
-
     if not block.rows:
         return []
     columns, texts = block.shown(Shown.PAGE), block.texts(Shown.PAGE)
@@ -215,12 +183,10 @@ def _table(block: AnyTable) -> list[Any]:
 
 def _head(block: AnyTable, columns: tuple[Column[Any], ...], points: float) -> list[list[Any]]:
     """Return the lines of headings: of groups of columns, if any, and of columns."""
-    from reportlab.platypus import Paragraph as Text
-
     rows = []
     if groups := block.groups():
         centred = ParagraphStyle("group", parent=_style(points, "Helvetica-Bold"), alignment=1)
-        rows.append([cell for name, span in groups for cell in (Text(_safe(name), centred), *[""] * (span - 1))])
+        rows.append([cell for name, span in groups for cell in (Paragraph(_safe(name), centred), *[""] * (span - 1))])
     if any(column.title for column in columns):
         rows.append([_cell(column.title, column, points, font="Helvetica-Bold") for column in columns])
     return rows
@@ -233,11 +199,9 @@ def _spans(block: AnyTable) -> Iterable[tuple[Any, ...]]:
         first += span
 
 
-def _cell(text: str, column: Column[Any], points: float, *, font: str = "Helvetica") -> Text:
-    from reportlab.platypus import Paragraph as Text
-
+def _cell(text: str, column: Column[Any], points: float, *, font: str = "Helvetica") -> Paragraph:
     style = _style(points, font)
-    return Text(_safe(text), style if column.left else ParagraphStyle("right", parent=style, alignment=2))
+    return Paragraph(_safe(text), style if column.left else ParagraphStyle("right", parent=style, alignment=2))
 
 
 def _style(points: float, font: str) -> ParagraphStyle:
@@ -262,22 +226,9 @@ def _fitted(columns: tuple[Column[Any], ...], texts: list[tuple[str, ...]]) -> t
 
 def _natural_width(column: Column[Any], cells: list[str]) -> float:
     """Return the width of a column: headers wrap between words, cells only in the wide column."""
-    from reportlab.pdfbase.pdfmetrics import stringWidth
-
     widths = [stringWidth(word, "Helvetica-Bold", _TABLE_POINTS) for word in _plain(column.title).split()]
     widths += [stringWidth(_plain(cell), "Helvetica", _TABLE_POINTS) for cell in cells]
     return float(max(widths, default=0.0))
-
-
-_DRAWN: dict[type, Callable[[Any], list[Any]]] = {
-    Paragraph: _paragraph,
-    Bullets: _bullets,
-    Terms: _terms,
-    Picture: _picture,
-    Pictures: _pictures,
-    Verbatim: _verbatim,
-    Table: _table,
-}
 
 
 def _page_number(canvas: Any, document: Any) -> None:

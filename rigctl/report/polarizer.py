@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from calibration.polarimeter.analyzer import SEEN_SIGMAS, false_dolp, half_turn
 from rigctl.calibrations.polarizer import HARMONIC_MEANING, NO_HARMONICS, rig_lines
 from rigctl.files.session_file import DEFAULT_ANGLES_DEG
-from rigctl.report.document import Paragraph, Picture, Report, Section, Verbatim
+from rigctl.report.document import Column, Picture, Report, Section, Table, Verbatim, text_columns
 from rigctl.report.drawing import (
     MEASURED,
     legend_beside,
     png,
     subplots,
 )
-from rigctl.report.table import Column, Table, text_columns
 from rigctl.rig.characterise import SIDES
 
 if TYPE_CHECKING:
@@ -311,7 +310,7 @@ def polarizer_report(
     maps: PolarimeterMaps | None,
 ) -> Report:
     """Return the report of a polarizer calibration."""
-    axis = (number_table(found), Paragraph(text=_CONVENTION), Verbatim(text=rig_lines(found)))
+    axis = (number_table(found), _CONVENTION, Verbatim(rig_lines(found)))
     return Report(
         title=f"Polarizer: {', '.join(source['path'] for source in file['source'])}",
         source=_polarizer_facts(file),
@@ -330,7 +329,7 @@ def polarizer_report(
 def _left(found: PolarizerCalibration) -> Iterable[Block]:
     drawn = harmonics_png(found)
     if drawn is None:
-        yield Paragraph(text=f"{NO_HARMONICS[0].upper()}{NO_HARMONICS[1:]}.")
+        yield f"{NO_HARMONICS[0].upper()}{NO_HARMONICS[1:]}."
     else:
         yield Picture(png=drawn, caption=_HARMONICS)
         yield harmonic_table(found)
@@ -349,7 +348,7 @@ def _reduction(reduction: DataReduction | None) -> Iterable[Section]:
             f"Stokes parameters = W · (counts over twice their mean), measured with known states; singular values "
             f"{singular}, of which three are kept; condition {reduction.condition:.3f}."
         )
-        yield Section(title="Data reduction matrix", blocks=(Paragraph(text=text), matrix_table(reduction)))
+        yield Section(title="Data reduction matrix", blocks=(text, matrix_table(reduction)))
 
 
 def _maps(maps: PolarimeterMaps | None) -> Iterable[Section]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from model.processing.reconstruction import aolp_is_defined
 from model.quantities import ORDERED
 from rigctl.base.numbers import NO_NUMBER, NOTHING, size, to_digits
+from rigctl.report.document import Column, Table, text_columns
 from rigctl.report.drawing import (
     LINE_STYLES,
     legend_of_all,
@@ -21,7 +22,6 @@ from rigctl.report.drawing import (
     say_beneath,
     subplots,
 )
-from rigctl.report.table import Column, Table, text_columns
 
 if TYPE_CHECKING:
     from model.accuracy.predict import Predicted

@@ -14,10 +14,9 @@ from rigctl.comparison.compare import NOT_OF_SIMULATION
 from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.files.session_file import PICTURE
 from rigctl.report.comparison import fault_table
-from rigctl.report.document import Bullets, Picture, Report, Section
+from rigctl.report.document import Column, Picture, Report, Section, Table, text_columns
 from rigctl.report.drawing import legend_beside, png, subplots
 from rigctl.report.numbers import annotation_sections
-from rigctl.report.table import Column, Table, text_columns
 from rigctl.runs.records import (
     READINGS_EVENT,
     event_facts,
@@ -231,13 +230,13 @@ def _simulation(session: SessionRecord) -> Iterable[Section]:
     light = session.simulated_light
     said = [] if light is None else [*(f"{text[0].upper()}{text[1:]}." for text in light.caution), *light.remarks]
     said += [f"It does not test {text}." for text in NOT_OF_SIMULATION]
-    yield Section(title="What this simulated run can prove", blocks=(Bullets(items=tuple(said)),))
+    yield Section(title="What this simulated run can prove", blocks=(tuple(said),))
 
 
 def _faults(session: SessionRecord, found: RunDiagnosis) -> Section:
     """Return the faults that the frames show."""
     unset = (f"{PLACEHOLDER[0].upper()}{PLACEHOLDER[1:]}.",) if session.polarizer.placeholder else ()
-    said = Bullets(items=(*unset, *found.lines))
+    said = (*unset, *found.lines)
     table = (fault_table(found.terms),) if found.terms else ()
     return Section(title="Frames", blocks=(said, *table))
 
@@ -245,7 +244,7 @@ def _faults(session: SessionRecord, found: RunDiagnosis) -> Section:
 def _way(events: Sequence[RunEvent]) -> Iterable[Section]:
     """Yield the fate of pictures on their way from the camera, if it counts them."""
     if lines := pictures_lost(events):
-        yield Section(title="Pictures on their way", blocks=(Bullets(items=lines),))
+        yield Section(title="Pictures on their way", blocks=(lines,))
 
 
 def _times_of_run(session: SessionHistory) -> Iterable[Section]:
@@ -253,7 +252,7 @@ def _times_of_run(session: SessionHistory) -> Iterable[Section]:
     texts = (*start_time_texts(session.run.frames), *filter(None, [host_clock_text(session.events)]))
     if texts:
         lines = tuple(f"{text[0].upper()}{text[1:]}." for text in texts)
-        yield Section(title="Starts of exposures", blocks=(Bullets(items=lines),))
+        yield Section(title="Starts of exposures", blocks=(lines,))
 
 
 def _monitors(session: SessionHistory) -> Iterable[Section]:
@@ -264,7 +263,7 @@ def _monitors(session: SessionHistory) -> Iterable[Section]:
     lines += [] if session.cycles is None else [f"{text}." for text in light_lines(session.cycles, session.monitors)]
     read = [trace for trace in session.monitors if trace.values]
     pictures = (Picture(png=monitor_figure(read)),) if read else ()
-    yield Section(title="Beside the frames", blocks=(Bullets(items=tuple(lines)), *pictures))
+    yield Section(title="Beside the frames", blocks=(tuple(lines), *pictures))
 
 
 def _source(session: SessionHistory) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,13 +18,12 @@ from rigctl.report.comparison import (
     ROW_COLUMNS,
     measured_text,
     predicted_text,
+    provenance_json,
     row_table,
     score_text,
     trend_table,
-    write_comparison,
 )
-from rigctl.report.data_files import csv_rows, json_file, json_rows, provenance_json
-from rigctl.report.document import Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict
+from rigctl.report.document import Column, Picture, Report, Section, Table, Verbatim
 from rigctl.report.drawing import (
     MEASURED,
     PREDICTED,
@@ -36,8 +34,6 @@ from rigctl.report.drawing import (
 from rigctl.report.numbers import (
     SCHEMA_VERSION,
 )
-from rigctl.report.output import html, report_file, write_folder
-from rigctl.report.table import Column, Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,6 +42,7 @@ if TYPE_CHECKING:
     from rigctl.comparison.rows import Row
     from rigctl.comparison.series import ComparedSeries, SeriesDrift
     from rigctl.console import Json
+    from rigctl.report.files import Content
 
 
 # Of a drift that is worth a word, in standard errors.
@@ -140,7 +137,7 @@ def series_json(series: ComparedSeries) -> dict[str, Json]:
 
 
 def _run_json(comparison: Comparison) -> dict[str, Json]:
-    facts = json_rows(Table(columns=_RUN_COLUMNS, rows=(comparison,)))[0]
+    facts = Table(columns=_RUN_COLUMNS, rows=(comparison,)).json()[0]
     return {
         **facts,
         "agrees": comparison.agrees,
@@ -149,7 +146,7 @@ def _run_json(comparison: Comparison) -> dict[str, Json]:
         "explanation": None if comparison.attribution is None else comparison.attribution.remark,
         "means": {
             region: {
-                quantity: json_rows(row_table([row]))[0]
+                quantity: row_table([row]).json()[0]
                 for quantity in FOLLOWED
                 if (row := mean_row(comparison, region, quantity)) is not None
             }
@@ -237,21 +234,19 @@ def series_report(series: ComparedSeries) -> Report:
     return Report(
         title=f"Measurement versus model: {len(comparisons)} runs",
         source="Each run with its own sun, time and exposure, and one scene file for all.",
-        verdict=Verdict(
-            good=series.agrees is True,
-            text=_SERIES_VERDICTS[series.agrees],
-            reasons=tuple(_series_reasons(series)),
-        ),
+        verdict=_SERIES_VERDICTS[series.agrees],
+        good=series.agrees is True,
+        reasons=tuple(_series_reasons(series)),
         sections=[
             *_figures(comparisons),
             Section(title="All runs", blocks=(mean_table(comparisons),)),
             *_drift_sections(series),
-            Section(title="What this does not test", blocks=(Bullets(items=_not_tested(comparisons)),)),
+            Section(title="What this does not test", blocks=(_not_tested(comparisons),)),
             Section(
                 title="Provenance in full",
                 blocks=(
                     Verbatim(
-                        text=json.dumps(
+                        json.dumps(
                             [provenance_json(comparison)["files"] for comparison in series.comparisons], indent=2
                         )
                     ),
@@ -316,8 +311,8 @@ def _figures(comparisons: Sequence[Comparison]) -> Iterable[Section]:
 
 def _drift_sections(series: ComparedSeries) -> Iterable[Section]:
     if series.drifts:
-        note = Paragraph(
-            text="Straight line through measured less predicted, weighted by the errors of the measurement. Errors of "
+        note = (
+            "Straight line through measured less predicted, weighted by the errors of the measurement. Errors of "
             "the inputs are common to all runs and no reason for a drift, unless they change with the sun."
         )
         yield Section(title="Drift of the residuals", blocks=(drift_table(series.drifts), note))
@@ -329,15 +324,12 @@ def _not_tested(comparisons: Sequence[Comparison]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(text for comparison in comparisons for text in comparison.not_tested))
 
 
-def write_series(series: ComparedSeries, out: Path) -> None:
-    """Write series.json, series.csv, series.html and series.pdf, and those of each run in a folder of its name."""
-    for comparison in series.comparisons:
-        write_comparison(comparison, out / name_of(comparison))
+def series_files(series: ComparedSeries) -> dict[str, Content]:
+    """Return numbers and reports of many runs as files."""
     report = series_report(series)
-    contents = {
-        "series.json": json_file(series_json(series)),
-        "series.csv": csv_rows(series_rows(series)),
-        "series.html": html(report).encode(),
-        "series.pdf": report_file(report, Path("series.pdf")),
+    return {
+        "series.json": series_json(series),
+        "series.csv": series_rows(series),
+        "series.html": report,
+        "series.pdf": report,
     }
-    write_folder(out, contents)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.surface.materials import properties
+from rigctl.report.document import Column, Table
 from rigctl.report.drawing import MEASURED, PREDICTED, legend_beside, png
-from rigctl.report.table import Column, Table
 from rigctl.scene.reflected_light import CURVE_DEG, RINGS_DEG, ROUND_DEG
 
 if TYPE_CHECKING:

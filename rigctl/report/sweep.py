@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rigctl.prediction.predict import SWEPT_RATES
-from rigctl.report.data_files import csv_rows
 from rigctl.report.detection import roc_json
+from rigctl.report.document import Column, Table
 from rigctl.report.drawing import (
     LINE_STYLES,
     legend_below,
@@ -21,7 +21,6 @@ from rigctl.report.drawing import (
     subplots,
 )
 from rigctl.report.prediction import FloatArray, shown_snr
-from rigctl.report.table import Column, Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -121,8 +120,8 @@ def sweep_json(found: Sweep, *, remarks: Iterable[str] = ()) -> dict[str, Json]:
     return content | ({"roc": roc_json(found.rocs, found.shape)} if found.rocs else {})
 
 
-def sweep_csv(found: Sweep, *, remarks: Sequence[str] = ()) -> bytes:
-    """Return a sweep as CSV, one row per point and one column per number, empty if missing.
+def sweep_table(found: Sweep, *, remarks: Sequence[str] = ()) -> Table[int]:
+    """Return a sweep for programs, one row per point and one column per number.
 
     The last columns have warnings of the point, reasons for missing numbers, and remarks on all in the first row.
     """
@@ -146,7 +145,7 @@ def sweep_csv(found: Sweep, *, remarks: Sequence[str] = ()) -> bytes:
         Column(key="reasons", value=lambda row: "; ".join(reasons.get(row, ()))),
         Column(key="remarks", value=lambda row: "; ".join(remarks) if row == 0 else ""),
     )
-    return csv_rows(Table(columns=columns, rows=tuple(range(math.prod(found.shape)))))
+    return Table(columns=columns, rows=tuple(range(math.prod(found.shape))))
 
 
 def _by_row(found: Sweep, texts: Iterable[tuple[tuple[int, ...], str]]) -> dict[int, list[str]]:

@@ -17,9 +17,8 @@ from model.acquisition import Reached, Session, degrees_text
 from rigctl.base.numbers import size
 from rigctl.prediction.sessions import SessionPoint
 from rigctl.prediction.tradeoff import WHOLE_CHAIN, estimates_share, faster_and_better
-from rigctl.report.data_files import csv_rows, json_rows
+from rigctl.report.document import Column, Table, text_columns
 from rigctl.report.drawing import COLOURS, few_log_labels, legend_below, legend_beside, placed_axes, png, subplots
-from rigctl.report.table import Column, Table, text_columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -194,11 +193,11 @@ def curve_table(curves: Curves) -> Table[CurvePoint]:
 def curve_json(curves: Curves) -> dict[str, Json]:
     """Return points, choices and the floor as JSON holds them."""
     return {
-        "points": json_rows(curve_table(curves)),
+        "points": curve_table(curves).json(),
         "choices": [accuracy_json(found) for found in curves.predictions],
         "input_floor": {"/".join(key): floor for key, floor in curves.floor.items()},
         "reference_s": curves.reference_s,
-        "named_points": json_rows(named_table(curves)),
+        "named_points": named_table(curves).json(),
         "digits": [
             {"quantity": one.quantity, "seconds": one.seconds, "true_error": one.error} for one in curves.digits
         ],
@@ -387,8 +386,8 @@ def proposal(found: AcquisitionTradeoff) -> str | None:
     )
 
 
-def tradeoff_csv(found: AcquisitionTradeoff) -> bytes:
-    """Return every point of every curve as CSV, a row a region; empty where a number does not exist."""
+def points_table(found: AcquisitionTradeoff) -> Table[tuple[SessionPoint, str]]:
+    """Return every point of every curve for programs, a row a region."""
 
     def of_region(key: str) -> Column[tuple[SessionPoint, str]]:
         return Column(key=key, value=lambda row: float(getattr(row[0].budgets[row[1]], key)))
@@ -400,7 +399,7 @@ def tradeoff_csv(found: AcquisitionTradeoff) -> bytes:
         Column(key="p_detection", value=lambda row: row[0].p_detection),
     )
     rows = tuple((point, name) for point in found.points for name in point.budgets)
-    return csv_rows(Table(columns=columns, rows=rows))
+    return Table(columns=columns, rows=rows)
 
 
 def tradeoff_json(found: AcquisitionTradeoff) -> dict[str, Json]:

@@ -116,10 +116,9 @@ class FoundRows(Result):
     def show(self) -> None:
         """Print the rows."""
         from rigctl.archive.report import found_table
-        from rigctl.report.data_files import csv_rows
 
         if self.csv:
-            sys.stdout.write(csv_rows(found_table(self.rows)).decode())
+            sys.stdout.write(found_table(self.rows).csv())
         else:
             super().show()
 

@@ -125,11 +125,11 @@ def axis(
     if maps is not None and drawn is not None:
         write_whole(Path(maps), drawn.npz())
     if report is not None:
-        from rigctl.report.output import report_file
+        from rigctl.report.files import encoded
         from rigctl.report.polarizer import polarizer_report
 
         page = polarizer_report(found, file, regions=by_region, maps=drawn)
-        write_whole(Path(report), report_file(page, Path(report)))
+        write_whole(Path(report), encoded(page, str(report)))
     return AxisResult(
         calibration=found,
         regions=by_region,

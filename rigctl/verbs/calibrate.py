@@ -164,11 +164,11 @@ def noise(
         write_whole(Path(plot), photon_transfer_png(found))
     if report is not None:
         from rigctl.base.numbers import utc_text
+        from rigctl.report.files import encoded
         from rigctl.report.noise import calibration_report
-        from rigctl.report.output import report_file
 
         page = calibration_report(found, images, created_utc=utc_text(result.created_ns))
-        write_whole(Path(report), report_file(page, Path(report)))
+        write_whole(Path(report), encoded(page, str(report)))
     if defects is not None:
         write_whole(Path(defects), _defects_png(Path(defects), found))
     return result
@@ -426,7 +426,7 @@ class FlatResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return throughput, pattern and noise of each angle."""
-        from rigctl.report.table import Column, Table
+        from rigctl.report.document import Column, Table
 
         columns: tuple[Column[dict[str, Any]], ...] = (
             Column(title="angle [deg]", text=lambda row: f"{row['polarizer_angle_deg']:.1f}"),
@@ -593,7 +593,7 @@ class RadiometricResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the response of each angle, its ratio to that of the scene file, and the causes of its error."""
-        from rigctl.report.table import Table, text_columns
+        from rigctl.report.document import Table, text_columns
 
         found, scale = self.file, self.file["over_scene_file"]
         numbers = [(f"{one['polarizer_angle_deg']:.2f}", one["response_dn_per_radiance"]) for one in found["channels"]]
@@ -678,7 +678,7 @@ class RegistrationResult(Result):
     def content(self) -> Iterable[Part]:
         """Return the shift of each angle, the residual of the edges, and the circle of a wedge."""
         from rigctl.calibrations.registration import before_and_after
-        from rigctl.report.table import Column, Table
+        from rigctl.report.document import Column, Table
 
         def errors(row: "AngleShift") -> str:
             x_error, y_error = row.std_error_pixels or (0.0, 0.0)

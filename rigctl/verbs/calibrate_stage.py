@@ -12,7 +12,7 @@ from cyclopts.validators import Number
 
 from rigctl.console import Json, progress, warn
 from rigctl.errors import ConfigError
-from rigctl.report.table import Column, Table
+from rigctl.report.document import Column, Table
 from rigctl.verbs.options import FilePath, Part, Result, Writes
 
 if TYPE_CHECKING:

@@ -12,6 +12,7 @@ from rigctl.errors import ConfigError
 from rigctl.verbs.options import (
     CompareOptions,
     FilePath,
+    Files,
     Part,
     RegionsPath,
     Result,
@@ -111,8 +112,14 @@ def compare(
     for comparison in result.comparisons:
         _report(comparison)
     if out is not None:
-        note(f"report: {', '.join(str(Path(out) / name) for name in result.write(Path(out)))}", below=True)
+        note_reports(result, Path(out))
     return result
+
+
+def note_reports(result: Result, out: Path) -> None:
+    """Write the files of a result into a folder, and report which of them are for people."""
+    written = (out / name for name in result.write(out))
+    note(f"report: {', '.join(str(path) for path in written if path.suffix in ('.html', '.pdf'))}", below=True)
 
 
 def runs_and_scene(
@@ -179,11 +186,10 @@ class ComparisonResult(Result):
         """Return the verdict, what disagrees, and where that points; then how it was found."""
         from rigctl.comparison.checks import ADVICE
         from rigctl.comparison.explain import unstated_lines
-        from rigctl.report.comparison import row_table
-        from rigctl.report.comparison import scores_png as scores
+        from rigctl.report.comparison import row_table, scores_png, verdict
 
         found = self.comparison
-        yield _verdict(found)
+        yield verdict(found)
         off = sorted(found.disagreements, key=lambda row: -abs(row.z or 0.0))
         if found.agrees is False:
             yield from (ADVICE[cause] for cause in found.points_to)
@@ -199,7 +205,7 @@ class ComparisonResult(Result):
         if found.accuracy is not None:
             yield found.accuracy.remark
         if any(row.z is not None for row in found.rows):
-            yield lambda: scores(found)
+            yield lambda: scores_png(found)
 
     def as_json(self) -> dict[str, Json]:
         """Return what comparison.json holds."""
@@ -207,19 +213,17 @@ class ComparisonResult(Result):
 
         return compared_json(self.comparison)
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write report and numbers into a folder; return the names of the reports."""
-        from rigctl.report.comparison import write_comparison
+    def output_files(self) -> Files:
+        """Return numbers and reports."""
+        from rigctl.report.comparison import comparison_files
 
-        write_comparison(self.comparison, folder)
-        return "report.html", "report.pdf"
+        return comparison_files(self.comparison)
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every row of comparison.csv as a data frame: predicted, measured, errors, scores, verdict."""
         from rigctl.report.comparison import row_table
-        from rigctl.report.data_frames import data_frame
 
-        return data_frame(row_table(self.comparison.rows), backend)
+        return row_table(self.comparison.rows).data_frame(backend)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -258,19 +262,25 @@ class SeriesResult(Result):
 
         return series_json(self.series)
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write report and numbers into a folder, those of each run into one of its own; return the reports' names."""
-        from rigctl.report.series import write_series
+    def output_files(self) -> Files:
+        """Return numbers and reports of all runs."""
+        from rigctl.report.series import series_files
 
-        write_series(self.series, folder)
-        return "series.html", "series.pdf"
+        return series_files(self.series)
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write the files of all runs into a folder and those of each run into one of its own in it."""
+        from rigctl.comparison.series import name_of
+
+        for comparison in self.comparisons:
+            ComparisonResult(comparison=comparison).write(folder / name_of(comparison))
+        return super().write(folder)
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every row of series.csv as a data frame."""
-        from rigctl.report.data_frames import data_frame
         from rigctl.report.series import series_rows
 
-        return data_frame(series_rows(self.series), backend)
+        return series_rows(self.series).data_frame(backend)
 
 
 def _exit_code(agrees: bool | None) -> int:
@@ -283,28 +293,6 @@ def _short(found: "Comparison") -> str:
     if found.agrees is None:
         return "CANNOT BE JUDGED"
     return "agrees" if found.agrees else f"DISAGREES in {len(found.disagreements)} numbers"
-
-
-def _verdict(found: "Comparison") -> str:
-    """Return the verdict in a sentence, with its reservations."""
-    from rigctl.comparison.checks import not_judged, reservations
-
-    tests = sum(row.agrees is not None for row in found.rows)
-    untested = len(found.rows) - tests if found.kind == "closed loop" else 0
-    not_counted = f"; {untested} that the prediction takes from the run itself are not counted" if untested else ""
-    reasons = reservations(found.checks, found.regions)
-    reserved = f", with reservations ({reasons})" if reasons else ""
-    if found.agrees is None:
-        return not_judged(found.checks)
-    if found.agrees:
-        return f"Model and measurement agree{reserved}: {tests} numbers tested at alpha = {found.alpha:g}{not_counted}."
-    from rigctl.report.comparison import likeliest_cause
-
-    cause = likeliest_cause(found)
-    return (
-        f"Model and measurement DISAGREE in {len(found.disagreements)} of {tests} numbers (alpha = {found.alpha:g})"
-        f"{not_counted}{f'; likeliest cause: {cause}' if cause else ''}."
-    )
 
 
 def _of_run(found: "Comparison") -> Iterable[str]:

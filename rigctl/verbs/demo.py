@@ -12,7 +12,7 @@ from rigctl.console import note
 from rigctl.errors import ConfigError
 from rigctl.files.choices import Perturbation
 from rigctl.verbs import calibrate
-from rigctl.verbs.compare import ComparisonResult, compare_run
+from rigctl.verbs.compare import ComparisonResult, compare_run, note_reports
 from rigctl.verbs.options import FilePath, Writes
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def demo(
     scene, noise = folder / "scene-panels.toml", folder / NOISE
     found = compare_run(folder / RUN, scene=scene, noise=noise, calibrations="none", alpha=alpha)
     compared = ComparisonResult(comparison=found)
-    note(f"report: {', '.join(str(folder / name) for name in compared.write(folder))}", below=True)
+    note_reports(compared, folder)
     return compared
 
 

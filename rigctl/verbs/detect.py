@@ -11,6 +11,7 @@ from rigctl.console import Json, note, solving_shown, warn
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import (
     FilePath,
+    Files,
     Part,
     RegionsPath,
     Result,
@@ -122,8 +123,8 @@ class DetectResult(Result):
 
         return detection_json(self.found)
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write map, curves and numbers into a folder; return the names of the files."""
-        from rigctl.report.measurement import write_detection
+    def output_files(self) -> Files:
+        """Return map, curves and numbers."""
+        from rigctl.report.detection import detection_files
 
-        return write_detection(self.found, folder)
+        return detection_files(self.found)

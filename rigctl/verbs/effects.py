@@ -14,12 +14,12 @@ from cyclopts.validators import Number
 from rigctl.base.numbers import change_text
 from rigctl.console import Json, note, solving_shown
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import EffectOptions, FilePath, Part, Result, Writes
+from rigctl.verbs.options import EffectOptions, FilePath, Files, Part, Result, Writes
 
 if TYPE_CHECKING:
     from model.accuracy.effect_check import CheckedEffect
     from model.effects.names import Bound, Decision, EffectPlan
-    from rigctl.report.table import Table
+    from rigctl.report.document import Table
     from rigctl.scene.effects import Verification
 
     Row = tuple[Decision, CheckedEffect | None]
@@ -146,7 +146,7 @@ class EffectsResult(Result):
         return tuple(sorted(rows, key=lambda row: -row[0].change.largest))
 
     def _table(self) -> "Table[Row]":
-        from rigctl.report.table import Column, Table
+        from rigctl.report.document import Column, Table
 
         columns: list[Column[Row]] = [
             Column(title="effect", text=lambda row: row[0].effect.value, left=True),
@@ -162,8 +162,8 @@ class EffectsResult(Result):
 
     def _wide_tables(self) -> "Iterable[Table[Row]]":
         from model.effects.planner import EFFECTS
+        from rigctl.report.document import Column, Table
         from rigctl.report.effects import KINDS
-        from rigctl.report.table import Column, Table
 
         columns: list[Column[Row]] = [
             Column(title="effect", text=lambda row: row[0].effect.value, left=True),
@@ -214,12 +214,9 @@ class EffectsResult(Result):
 
         return effects_json(self.plan, self.checked) | {"remarks": list(self.remarks)}
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write the chart and the numbers into a folder; return the names of the files."""
-        from rigctl.report.data_files import json_file
-        from rigctl.report.output import write_folder
-
-        return write_folder(folder, {"effects.png": self._chart(), "effects.json": json_file(self.as_json())})
+    def output_files(self) -> Files:
+        """Return the chart and the numbers."""
+        return {"effects.png": self._chart(), "effects.json": self.as_json()}
 
     def _chart(self) -> bytes:
         """Return a bar for the change by each effect, against what is allowed, on a logarithmic axis."""
@@ -261,7 +258,7 @@ class RenderingResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return how many effects act and their time, and the table."""
-        from rigctl.report.table import Column, Table
+        from rigctl.report.document import Column, Table
 
         total_s = sum(cost_s for _, _, cost_s in self.costs)
         columns: tuple[Column[tuple[str, str, float]], ...] = (

@@ -3,7 +3,6 @@
 import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
 
@@ -115,8 +114,7 @@ def _stokes(run: "Run", regions: "list[Region]", frames: FrameOptions, to: Expor
 def _cycles_csv(run: "Run", regions: "list[Region]", frames: FrameOptions) -> bytes:
     """Return the means of regions, cycle by cycle, each measured as a run of its own."""
     from rigctl.measure.frames import arrange
-    from rigctl.report.data_files import csv_rows
-    from rigctl.report.table import Column, Table
+    from rigctl.report.document import Table, value_columns
     from rigctl.verbs.stokes import stokes_of
 
     paths, correct = calibrations_of(frames), tuple(frames.get("correct", ()))
@@ -129,8 +127,7 @@ def _cycles_csv(run: "Run", regions: "list[Region]", frames: FrameOptions) -> by
             for quantity, statistics in measured.quantities.items():
                 mean = statistics["mean"]
                 rows.append((number, records[0].start_utc or "", region, quantity, mean.value, mean.std_error))
-    columns = tuple(Column[Any](key=name, value=partial(_item, place=place)) for place, name in enumerate(names))
-    return csv_rows(Table(columns=columns, rows=tuple(rows)))
+    return Table(columns=value_columns(*names), rows=tuple(rows)).csv().encode()
 
 
 def _item(row: tuple[Any, ...], place: int) -> Any:

@@ -11,7 +11,7 @@ from cyclopts.validators import Number
 
 from rigctl.console import Json, note, steps_shown
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import FilePath, Part, RegionsPath, Result, RunPath, ScaledOptions, ScenePath, Writes
+from rigctl.verbs.options import FilePath, Files, Part, RegionsPath, Result, RunPath, ScaledOptions, ScenePath, Writes
 
 if TYPE_CHECKING:
     from rigctl.comparison.inference import Inference
@@ -146,15 +146,14 @@ class InferenceResult(Result):
 
         return inference_json(self.inference)
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write numbers, pictures, draws and inferred materials into a folder; return the names of the files."""
-        from rigctl.report.inference import write_inference
+    def output_files(self) -> Files:
+        """Return numbers, pictures, draws and inferred materials."""
+        from rigctl.report.inference import inference_files
 
-        return write_inference(self.inference, folder)
+        return inference_files(self.inference)
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return prior, posterior and information gain of each input as a data frame."""
-        from rigctl.report.data_frames import data_frame
         from rigctl.report.inference import inputs_table
 
-        return data_frame(inputs_table(self.inference), backend)
+        return inputs_table(self.inference).data_frame(backend)

@@ -158,7 +158,7 @@ class LookResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return percentiles of DoLP, clipped shares and angles."""
-        from rigctl.report.data_files import finite
+        from rigctl.base.numbers import finite
 
         high, low = self.clipped_shares
         return {

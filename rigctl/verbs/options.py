@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from rigctl.files.regions import Region
     from rigctl.files.scene_file import SceneFile
     from rigctl.measure.frames import CalibrationPaths
-    from rigctl.report.table import AnyTable
+    from rigctl.report.document import AnyTable
+    from rigctl.report.files import Content
 
 # Python takes texts and what it has read already; the command line makes a path of every text.
 if TYPE_CHECKING:
@@ -296,6 +297,8 @@ def changes_of(changes: Changes) -> dict[str, float]:
 
 # A sentence, a table, or what draws a picture as PNG; a terminal leaves pictures out.
 Part: TypeAlias = "str | AnyTable | Callable[[], bytes]"
+# Files of a result by name.
+Files: TypeAlias = "Mapping[str, Content]"
 
 
 class Result:
@@ -319,6 +322,16 @@ class Result:
         """How the command ends: 0, or a code of docs/codes.md."""
         return 0
 
+    def output_files(self) -> Files:
+        """Return the files of this result: their names and what they hold."""
+        return {}
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write the files of this result into a folder, which is created if needed; return their names."""
+        from rigctl.report.files import write_folder
+
+        return write_folder(folder, self.output_files())
+
     def show(self) -> None:
         """Print the content on standard output."""
         for part in self.content():
@@ -333,11 +346,6 @@ class Result:
         """Go on after the content was shown: a page answers until Ctrl-C."""
 
     def _repr_html_(self) -> str:
-        from rigctl.report.output import lines_fragment, picture_fragment, table_fragment
+        from rigctl.report.files import notebook_html
 
-        def fragment(part: Part) -> str:
-            if isinstance(part, str):
-                return lines_fragment([part])
-            return picture_fragment(part()) if callable(part) else table_fragment(part)
-
-        return "".join(map(fragment, (*self.content(), *self.notes)))
+        return notebook_html((*self.content(), *self.notes))

@@ -27,10 +27,9 @@ from rigctl.measure.calibrations import store_of_run
 from rigctl.measure.diagnose import recalibrated
 from rigctl.measure.frames import CalibrationPaths, PickedCalibrations
 from rigctl.measure.measure import Measurement
-from rigctl.report.comparison import write_comparison, write_comparison_numbers
-from rigctl.report.data_files import json_file
+from rigctl.report.comparison import compared_json, comparison_files
+from rigctl.report.files import write_folder
 from rigctl.report.numbers import SCHEMA_VERSION
-from rigctl.report.output import write_folder
 from rigctl.runs.check import used_run
 from rigctl.runs.folder import Run, read_run
 from rigctl.study import scene_digest
@@ -277,7 +276,8 @@ def _row(name: str, job: ArchiveJob) -> RunRow:
 
 def _compared(name: str, run: Path, job: ArchiveJob) -> RunRow:
     comparison = compare_run(run, scene=job.scene, regions=job.regions, **job.options)
-    (write_comparison if job.full else write_comparison_numbers)(comparison, _own_folder(name, job))
+    files = comparison_files(comparison) if job.full else {"comparison.json": compared_json(comparison)}
+    write_folder(_own_folder(name, job), files)
     if comparison.agrees is None:
         reasons = tuple(dict.fromkeys(one.reason for one in comparison.regions.values() if one.reason))
     else:
@@ -354,7 +354,7 @@ def _recalibrated(name: str, run: Path, job: ArchiveJob) -> RunRow:
         found.write(_own_folder(name, job))
     else:
         numbers = {"schema_version": SCHEMA_VERSION, **found.as_json(), **picked.as_json()}
-        write_folder(_own_folder(name, job), {"stokes.json": json_file(numbers)})
+        write_folder(_own_folder(name, job), {"stokes.json": numbers})
     row = _stokes_row(name, found)
     old = {region.region: region for region in _measured_regions(before.measurement)}
     changed = tuple(

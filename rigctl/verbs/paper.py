@@ -11,7 +11,7 @@ from cyclopts.validators import Number
 
 from rigctl.console import Json, note
 from rigctl.files.choices import SnrForm
-from rigctl.verbs.options import FilePath, Part, Result, Writes
+from rigctl.verbs.options import FilePath, Files, Part, Result, Writes
 
 if TYPE_CHECKING:
     from model.processing.dolp_studies import EstimatorError
@@ -121,11 +121,11 @@ class PaperResult(Result):
 
         return [statement_json(one) for one in self.found.results]
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write the page, statements, curves and pictures into a folder; return the names of the files."""
-        from rigctl.paper.report import write_paper
+    def output_files(self) -> Files:
+        """Return the page, statements, curves and pictures."""
+        from rigctl.paper.report import paper_files
 
-        return write_paper(self.found, folder)
+        return paper_files(self.found)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -152,15 +152,14 @@ class EstimatorResult(Result):
         }
         return {"true_snr": self.true_snr.tolist(), **errors}
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write estimators.png into a folder."""
+    def output_files(self) -> Files:
+        """Return the picture of the errors."""
         import numpy as np
 
         from rigctl.paper.report import estimator_plot
-        from rigctl.report.output import write_folder
 
         plotted = _compared(np.linspace(*_PLOTTED_SNR))
-        return write_folder(folder, {"estimators.png": estimator_plot(plotted.true_snr, plotted.errors)})
+        return {"estimators.png": estimator_plot(plotted.true_snr, plotted.errors)}
 
 
 def _numbers(values: Iterable[float]) -> list[Json]:

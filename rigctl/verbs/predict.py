@@ -11,7 +11,17 @@ from cyclopts import Parameter
 from rigctl.console import Json, note, solving_shown, warn
 from rigctl.errors import ConfigError
 from rigctl.files.choices import RocKind, SnrKind
-from rigctl.verbs.options import FilePath, Part, PredictOptions, Result, ScenePath, Writes, changes_of, scene_file_of
+from rigctl.verbs.options import (
+    FilePath,
+    Files,
+    Part,
+    PredictOptions,
+    Result,
+    ScenePath,
+    Writes,
+    changes_of,
+    scene_file_of,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,7 +40,7 @@ if TYPE_CHECKING:
         ScenePredictor,
     )
     from rigctl.prediction.sweep import Sweep
-    from rigctl.report.table import AnyTable
+    from rigctl.report.document import AnyTable
 
     Ranges: TypeAlias = str | Sequence[str]
     Values: TypeAlias = Sequence[float] | NDArray[np.float64]
@@ -344,24 +354,22 @@ class Prediction(Result):
             content |= {"accuracy": accuracy_json(self.accuracy), "effects": effects_json(self.effects, None)}
         return content
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write numbers, plots and curves into a folder; return the names of the files."""
-        from rigctl.report.data_files import csv_rows, json_file
-        from rigctl.report.detection import roc_csv, roc_png
-        from rigctl.report.output import write_folder
+    def output_files(self) -> Files:
+        """Return numbers, plots and curves."""
+        from rigctl.report.detection import roc_png, roc_points
         from rigctl.report.prediction import counts_png, laws_png
 
         warnings = [f"{name}: {text}" for name, one in self.predictions.items() for text in one.warnings]
-        contents = {
-            "prediction.json": json_file(self.as_json()),
-            "prediction.csv": csv_rows(_csv_table(self._numbers(), self.remarks)),
+        contents: dict[str, Any] = {
+            "prediction.json": self.as_json(),
+            "prediction.csv": _csv_table(self._numbers(), self.remarks),
             "counts.png": counts_png(self.predictions, warnings=warnings),
             "laws.png": laws_png(self.predictions, warnings=warnings),
         }
         if self.rocs:
             curves = {kind: (one,) for kind, one in self.rocs.items()}
-            contents |= {"roc.csv": roc_csv(curves), "roc.png": roc_png(curves)}
-        return write_folder(folder, contents)
+            contents |= {"roc.csv": roc_points(curves), "roc.png": roc_png(curves)}
+        return contents
 
     def _numbers(self) -> Iterable[tuple[str, str, str, float]]:
         for region, prediction in self.predictions.items():
@@ -377,14 +385,15 @@ class Prediction(Result):
         backend : {"pandas", "polars"}
             Whose data frame. The error is there after ``predict(..., uncertainty=True)``.
         """
-        from rigctl.report.data_frames import data_frame, number_table
+        from rigctl.report.document import Table, value_columns
 
         errors = {} if self.uncertainty is None else self.uncertainty.std_errors
-        rows = (
+        rows = tuple(
             (region, quantity, statistic, value, errors.get(region, {}).get(quantity, {}).get(statistic))
             for region, quantity, statistic, value in self._numbers()
         )
-        return data_frame(number_table(rows, error="std_error_inputs"), backend)
+        columns = value_columns("region", "quantity", "statistic", "value", "std_error_inputs")
+        return Table(columns=columns, rows=rows).data_frame(backend)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -450,20 +459,21 @@ class SweepResult(Result):
 
         return sweep_json(self.found, remarks=(*self.doubts, *self.scene_remarks))
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write numbers, plot and curves into a folder; return the names of the files."""
-        from rigctl.report.data_files import json_file
-        from rigctl.report.detection import roc_csv, roc_png
-        from rigctl.report.output import write_folder
-        from rigctl.report.sweep import MOST_AXES, sweep_csv, sweep_png
+    def output_files(self) -> Files:
+        """Return numbers, plot and curves."""
+        from rigctl.report.detection import roc_png, roc_points
+        from rigctl.report.sweep import MOST_AXES, sweep_png, sweep_table
 
         remarks = (*self.doubts, *self.scene_remarks)
-        contents = {"sweep.csv": sweep_csv(self.found, remarks=remarks), "sweep.json": json_file(self._json())}
+        contents: dict[str, Any] = {
+            "sweep.csv": sweep_table(self.found, remarks=remarks),
+            "sweep.json": self._json(),
+        }
         if len(self.found.axes) <= MOST_AXES:
             contents["sweep.png"] = sweep_png(self.found, snr=self.snr, remarks=remarks)
         if self.found.rocs:
-            contents |= {"roc.csv": roc_csv(self.found.rocs), "roc.png": roc_png(self.found.rocs, self._labels())}
-        return write_folder(folder, contents)
+            contents |= {"roc.csv": roc_points(self.found.rocs), "roc.png": roc_png(self.found.rocs, self._labels())}
+        return contents
 
     def _labels(self) -> tuple[str, ...]:
         points = [""]
@@ -475,8 +485,7 @@ class SweepResult(Result):
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every number at every value: key, at, region, quantity, statistic, value."""
-        from rigctl.report.data_frames import data_frame
-        from rigctl.report.table import Table
+        from rigctl.report.document import Table, value_columns
 
         found = self.found
         rows = tuple(
@@ -486,25 +495,16 @@ class SweepResult(Result):
             for quantity, statistics in quantities.items()
             for statistic, value in statistics.items()
         )
-        names = (found.key, "region", "quantity", "statistic", "value")
-        return data_frame(Table(columns=tuple(_place(name, k) for k, name in enumerate(names)), rows=rows), backend)
+        columns = value_columns(found.key, "region", "quantity", "statistic", "value")
+        return Table(columns=columns, rows=rows).data_frame(backend)
 
 
 def _csv_table(numbers: Iterable[tuple[str, str, str, float]], remarks: Iterable[str]) -> "AnyTable":
     """Return a row a number, then a row without a number for each remark."""
-    from rigctl.report.table import Table
+    from rigctl.report.document import Table, value_columns
 
     rows = [(*number, "") for number in numbers] + [("", "", "", None, text) for text in remarks]
-    names = ("region", "quantity", "statistic", "value", "remark")
-    return Table(columns=tuple(_place(name, k) for k, name in enumerate(names)), rows=tuple(rows))
-
-
-def _place(name: str, k: int) -> Any:
-    from operator import itemgetter
-
-    from rigctl.report.table import Column
-
-    return Column[Any](key=name, value=itemgetter(k))
+    return Table(columns=value_columns("region", "quantity", "statistic", "value", "remark"), rows=tuple(rows))
 
 
 def _dolp_text(name: str, prediction: "RegionPrediction") -> str:

@@ -173,7 +173,7 @@ class FoundRegions(Result):
 
     def content(self) -> Iterable[Part]:
         """Return one row for each region."""
-        from rigctl.report.table import Table, text_columns
+        from rigctl.report.document import Table, text_columns
 
         titles = ("region", "by markers", "moved by [pixel]", "std error [pixel]", "border left out [pixel]")
         rows = tuple(

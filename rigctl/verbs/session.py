@@ -12,7 +12,7 @@ from rigctl.base.numbers import percent, time_option
 from rigctl.console import Json, note, warn
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.choices import RoofChange
-from rigctl.report.table import Column, Table
+from rigctl.report.document import Column, Table
 from rigctl.verbs.options import FilePath, Part, Result, RunPath, Writes
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from rigctl.console import Json, note, solving_shown
 from rigctl.files.choices import Engine
-from rigctl.verbs.options import FilePath, Part, Result, ScenePath, Writes, scene_file_of
+from rigctl.verbs.options import FilePath, Files, Part, Result, ScenePath, Writes, scene_file_of
 
 if TYPE_CHECKING:
     from rigctl.scene.sky_map import SkyMap, SkyOfKind
@@ -119,19 +119,17 @@ class SkyResult(Result):
 
         return kinds_json(self.kinds) if self.kinds else sky_json(self.sky)
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write picture and numbers into a folder; return the names of the files."""
-        from rigctl.report.data_files import json_file
+    def output_files(self) -> Files:
+        """Return picture and numbers."""
         from rigctl.report.light import kinds_picture, sky_picture
-        from rigctl.report.output import write_folder
 
         name = "sky-aerosols" if self.kinds else "sky"
         picture = kinds_picture(self.kinds) if self.kinds else sky_picture(self.sky)
-        return write_folder(folder, {f"{name}.png": picture, f"{name}.json": json_file(self.as_json(), indent=None)})
+        return {f"{name}.png": picture, f"{name}.json": self.as_json()}
 
     def to_xarray(self) -> Any:
         """Return s0, s1, s2 [W m-2 sr-1 in band] and dolp over zenith_deg and azimuth_deg as an `xarray.Dataset`."""
-        from rigctl.report.data_frames import optional
+        from rigctl.report.document import optional
 
         places = ("zenith_deg", "azimuth_deg")
         unit = {"units": "W m-2 sr-1"}

@@ -15,7 +15,7 @@ from rigctl.verbs.options import FilePath, Part, Result, RunOptions, RunPath, Wr
 
 if TYPE_CHECKING:
     from rigctl.measure.diagnose import RunDiagnosis
-    from rigctl.report.table import Column
+    from rigctl.report.document import Column
     from rigctl.runs.folder import Run as RunRecord
     from rigctl.runs.records import Annotation, FrameRecord, RunEvent
     from rigctl.session.history import SessionHistory
@@ -184,7 +184,7 @@ class RunContents(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the number of frames and their origin, devices, groups of frames, remarks and events."""
-        from rigctl.report.table import Table
+        from rigctl.report.document import Table
 
         size = _join(f"{width} x {height}" for width, height in self.sizes)
         yield f"{self.run}: {self.frames} frames of {size} pixels, {_ORIGINS.get(self.origin, self.origin)}"
@@ -283,7 +283,7 @@ def _near(readback_deg: float, target_deg: float | None) -> float:
 
 
 def _group_columns() -> "tuple[Column[FrameGroup], ...]":
-    from rigctl.report.table import Column
+    from rigctl.report.document import Column
 
     return (
         Column(title="kind", text=lambda group: group.kind, left=True),
@@ -406,13 +406,13 @@ def _page(path: Path, page: Path, run: "RunRecord") -> SessionPage:
     from rigctl.base.durable import write_durably
     from rigctl.files.rig_file import unset_polarizer
     from rigctl.measure.diagnose import quick_diagnosis
-    from rigctl.report.output import report_file
+    from rigctl.report.files import encoded
     from rigctl.report.run import run_report
     from rigctl.session.history import session_history
 
     history = session_history(run)
     diagnosis = quick_diagnosis(run, most_pixels=_MOST_PIXELS)
-    write_durably(page, report_file(run_report(history, diagnosis), page))
+    write_durably(page, encoded(run_report(history, diagnosis), page.name))
     doubts = unset_polarizer(path, placeholder=run.session.polarizer.placeholder)
     for doubt in doubts:
         warn(doubt)

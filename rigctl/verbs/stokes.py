@@ -12,6 +12,7 @@ from cyclopts import Parameter
 from rigctl.console import Json, note, warn
 from rigctl.verbs.options import (
     FilePath,
+    Files,
     FrameOptions,
     Part,
     RegionsPath,
@@ -299,24 +300,30 @@ class StokesResult(Result):
             **self.picked.as_json(),
         }
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write images, masks, pictures and numbers into a folder; return the names of the files."""
-        from rigctl.report.measurement import write_stokes
+    def output_files(self) -> Files:
+        """Return images, masks, pictures and numbers."""
+        from rigctl.report.measurement import stokes_files
         from rigctl.report.stokes_file import stokes_fits
 
         fits = stokes_fits(self.measurement, self.errors, self.calibration_files)
-        return write_stokes(self.measurement, self.run.regions, folder, fits=fits, numbers=self.as_json())
+        return stokes_files(self.measurement, self.run.regions, fits=fits, numbers=self.as_json())
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every measured number as a data frame: region, quantity, statistic, value, std_error."""
-        from rigctl.report.data_frames import data_frame, measured_numbers, number_table
+        from rigctl.report.document import Table, value_columns
 
-        found = {name: region.quantities for name, region in self.measurement.regions.items()}
-        return data_frame(number_table(measured_numbers(found), error="std_error"), backend)
+        rows = tuple(
+            (name, quantity, statistic, sample.value, sample.std_error)
+            for name, region in self.measurement.regions.items()
+            for quantity, statistics in region.quantities.items()
+            for statistic, sample in statistics.items()
+        )
+        columns = value_columns("region", "quantity", "statistic", "value", "std_error")
+        return Table(columns=columns, rows=rows).data_frame(backend)
 
     def to_xarray(self) -> Any:
         """Return all planes over y and x as an `xarray.Dataset`, and which pixels are unusable."""
-        from rigctl.report.data_frames import optional
+        from rigctl.report.document import optional
 
         data: dict[str, Any] = {
             name: (("y", "x"), plane.values, {"units": plane.unit or "1", "long_name": plane.meaning})

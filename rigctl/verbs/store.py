@@ -92,7 +92,7 @@ class StoreResult(Result):
     def content(self) -> Iterable[Part]:
         """Return the calibrations as a table, and the choices."""
         from rigctl.calibrations.made_for import age_days
-        from rigctl.report.table import Column, Table
+        from rigctl.report.document import Column, Table
 
         def age(one: "StoredCalibration") -> str:
             days = age_days(one.made_for, self.now)

@@ -11,11 +11,11 @@ from cyclopts import Parameter
 from rigctl.console import Json, note
 from rigctl.errors import ConfigError
 from rigctl.files.choices import DiffuseKind, Shadowing
-from rigctl.verbs.options import FilePath, Part, Result, Writes
+from rigctl.verbs.options import FilePath, Files, Part, Result, Writes
 
 if TYPE_CHECKING:
     from model.surface.materials import Material
-    from rigctl.report.table import AnyTable
+    from rigctl.report.document import AnyTable
     from rigctl.scene.reflected_light import SurfaceSheet
 
 _FILES = ("surface.png", "hemisphere.png", "surface.json", "surface.csv")
@@ -164,19 +164,13 @@ class SurfaceReadings(Result):
     columns: dict[str, list[float]]
 
     def _table(self) -> "AnyTable":
-        from rigctl.report.table import Column, Table
+        from rigctl.report.document import Table, value_columns
 
-        columns = tuple(
-            Column[Any](key=key, value=lambda row, k=k: row[k])  # type: ignore[misc]
-            for k, key in enumerate(self.columns)
-        )
-        return Table(columns=columns, rows=tuple(zip(*self.columns.values(), strict=True)))
+        return Table(columns=value_columns(*self.columns), rows=tuple(zip(*self.columns.values(), strict=True)))
 
     def content(self) -> Iterable[Part]:
         """Return the table as CSV."""
-        from rigctl.report.data_files import csv_rows
-
-        yield csv_rows(self._table()).decode().rstrip()
+        yield self._table().csv().rstrip()
 
     def show(self) -> None:
         """Print CSV, unbroken whatever the width of the terminal."""
@@ -184,23 +178,15 @@ class SurfaceReadings(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return the material and an object for each geometry."""
-        from rigctl.report.data_files import json_rows
+        return {"material": self.material, "geometries": self._table().json()}
 
-        return {"material": self.material, "geometries": json_rows(self._table())}
-
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write surface.csv and surface.json into a folder; return their names."""
-        from rigctl.report.data_files import csv_rows, json_file
-        from rigctl.report.output import write_folder
-
-        content = {"surface.csv": csv_rows(self._table()), "surface.json": json_file(self.as_json())}
-        return write_folder(folder, content)
+    def output_files(self) -> Files:
+        """Return the table and the numbers."""
+        return {"surface.csv": self._table(), "surface.json": self.as_json()}
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return the columns as a data frame."""
-        from rigctl.report.data_frames import data_frame
-
-        return data_frame(self._table(), backend)
+        return self._table().data_frame(backend)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -228,31 +214,25 @@ class SurfaceResult(Result):
 
         return surface_json(self.sheet)
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write pictures and numbers into a folder; return the names of the files."""
-        from rigctl.report.data_files import json_file
-        from rigctl.report.output import write_folder
+    def output_files(self) -> Files:
+        """Return pictures and numbers."""
         from rigctl.report.surface import hemisphere_picture, surface_picture
         from rigctl.scene.reflected_light import reflected_maps
 
         curve, hemisphere = reflected_maps(self.sheet.surface, sun_zenith_deg=self.sheet.sun_zenith_deg)
-        return write_folder(
-            folder,
-            {
-                "surface.png": surface_picture(self.sheet, curve),
-                "hemisphere.png": hemisphere_picture(self.sheet, hemisphere),
-                "surface.json": json_file(self.as_json()),
-            },
-        )
+        return {
+            "surface.png": surface_picture(self.sheet, curve),
+            "hemisphere.png": hemisphere_picture(self.sheet, hemisphere),
+            "surface.json": self.as_json(),
+        }
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return camera_zenith_deg, f00_per_sr, s1n and dolp in the plane of sun and normal."""
-        from rigctl.report.data_frames import data_frame
-        from rigctl.report.table import Column, Table
+        from rigctl.report.document import Column, Table
 
         keys = ("camera_zenith_deg", "f00_per_sr", "s1n", "dolp")
         columns = tuple(Column[Any](key=key) for key in keys)
-        return data_frame(Table(columns=columns, rows=self.sheet.principal_plane), backend)
+        return Table(columns=columns, rows=self.sheet.principal_plane).data_frame(backend)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -276,15 +256,11 @@ class ManySurfaces(Result):
 
         return {"materials": [surface_json(sheet) for sheet in self.sheets]}
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write one picture of all and the numbers into a folder; return the names of the files."""
-        from rigctl.report.data_files import json_file
-        from rigctl.report.output import write_folder
+    def output_files(self) -> Files:
+        """Return one picture of all, and the numbers."""
         from rigctl.report.surface import surfaces_picture
 
-        return write_folder(
-            folder, {"surface.png": surfaces_picture(self.sheets), "surface.json": json_file(self.as_json())}
-        )
+        return {"surface.png": surfaces_picture(self.sheets), "surface.json": self.as_json()}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,7 +11,7 @@ from cyclopts.validators import Number
 
 from rigctl.console import Json, note, solving_shown, steps_shown
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import COMMA_SEPARATED, FilePath, Part, Result, Writes
+from rigctl.verbs.options import COMMA_SEPARATED, FilePath, Files, Part, Result, Writes
 
 if TYPE_CHECKING:
     from model.accuracy.predict import Predicted
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rigctl.files.scene_file import SceneFile
     from rigctl.prediction.sessions import AcquisitionTradeoff
     from rigctl.prediction.tradeoff import Curves, NamedChoice
-    from rigctl.report.table import AnyTable
+    from rigctl.report.document import AnyTable
 
 _SMALLEST, _LARGEST = 1e-5, 0.1
 _TOLERANCES = (0.1, 0.03, 0.01, 0.003, 0.001)
@@ -176,7 +176,7 @@ class AccuracyTradeoff(Result):
 
     def _table(self) -> "AnyTable":
         from rigctl.prediction.tradeoff import WHOLE_CHAIN
-        from rigctl.report.table import Table, text_columns
+        from rigctl.report.document import Table, text_columns
 
         better = set(self._seemingly_better())
         rows = [
@@ -220,22 +220,17 @@ class AccuracyTradeoff(Result):
 
         return curve_json(self.curves)
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write table, numbers and plots into a folder; return the names of the files."""
-        from rigctl.report.data_files import csv_rows, json_file
-        from rigctl.report.output import write_folder
+    def output_files(self) -> Files:
+        """Return table, numbers and plots."""
         from rigctl.report.tradeoff import curve_png, curve_table, settings_png, stages_png
 
-        return write_folder(
-            folder,
-            {
-                "tradeoff.csv": csv_rows(curve_table(self.curves)),
-                "tradeoff.json": json_file(self.as_json(), indent=None),
-                "tradeoff.png": curve_png(self.curves, worth=self.worth),
-                "settings.png": settings_png(self.curves),
-                "stages.png": stages_png(self.curves),
-            },
-        )
+        return {
+            "tradeoff.csv": curve_table(self.curves),
+            "tradeoff.json": self.as_json(),
+            "tradeoff.png": curve_png(self.curves, worth=self.worth),
+            "settings.png": settings_png(self.curves),
+            "stages.png": stages_png(self.curves),
+        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -283,20 +278,15 @@ class AcquisitionResult(Result):
 
         return tradeoff_json(self.found)
 
-    def write(self, folder: Path) -> tuple[str, ...]:
-        """Write table, numbers and plot into a folder; return the names of the files."""
-        from rigctl.report.data_files import json_file
-        from rigctl.report.output import write_folder
-        from rigctl.report.tradeoff import tradeoff_csv, tradeoff_picture
+    def output_files(self) -> Files:
+        """Return table, numbers and plot."""
+        from rigctl.report.tradeoff import points_table, tradeoff_picture
 
-        return write_folder(
-            folder,
-            {
-                "acquisition.csv": tradeoff_csv(self.found),
-                "acquisition.json": json_file(self.as_json(), indent=None),
-                "acquisition.png": tradeoff_picture(self.found),
-            },
-        )
+        return {
+            "acquisition.csv": points_table(self.found),
+            "acquisition.json": self.as_json(),
+            "acquisition.png": tradeoff_picture(self.found),
+        }
 
 
 def _curves(

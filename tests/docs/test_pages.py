@@ -11,11 +11,10 @@ from rigctl.files.session_file import InterlockSection
 from rigctl.paper import report as paper_files
 from rigctl.paper.report import statement_table
 from rigctl.report.comparison import row_table
-from rigctl.report.data_files import csv_rows
-from rigctl.report.detection import measured_roc_table, roc_csv
+from rigctl.report.detection import measured_roc_table, roc_points
 from rigctl.report.series import series_rows
-from rigctl.report.sweep import sweep_csv
-from rigctl.report.tradeoff import curve_table, tradeoff_csv
+from rigctl.report.sweep import sweep_table
+from rigctl.report.tradeoff import curve_table, points_table
 from rigctl.session.interlocks import Name
 from rigctl.verbs.predict import _csv_table
 from tests.docs.blocks import ROOT, blocks_of, pages, problem_of
@@ -56,16 +55,16 @@ _NOTHING = SimpleNamespace(
 )
 _NO_POINTS = SimpleNamespace(p_false_alarm=np.empty(0))
 _CSV_FILES = {
-    "comparison.csv": csv_rows(row_table(())),
-    "series.csv": csv_rows(series_rows(_NOTHING)),
-    "prediction.csv": csv_rows(_csv_table((), ())),
-    "sweep.csv": sweep_csv(_NOTHING),
-    "roc.csv` of `predict": roc_csv({}),
-    "roc.csv` of `detect": csv_rows(measured_roc_table(_NO_POINTS)),
-    "tradeoff.csv": csv_rows(curve_table(_NOTHING)),
-    "acquisition.csv": tradeoff_csv(_NOTHING),
-    "statements.csv": csv_rows(statement_table(())),
-    "curves.csv": paper_files._curves_csv({}),
+    "comparison.csv": row_table(()),
+    "series.csv": series_rows(_NOTHING),
+    "prediction.csv": _csv_table((), ()),
+    "sweep.csv": sweep_table(_NOTHING),
+    "roc.csv` of `predict": roc_points({}),
+    "roc.csv` of `detect": measured_roc_table(_NO_POINTS),
+    "tradeoff.csv": curve_table(_NOTHING),
+    "acquisition.csv": points_table(_NOTHING),
+    "statements.csv": statement_table(()),
+    "curves.csv": paper_files._points_table({}),
 }
 
 
@@ -75,8 +74,8 @@ def test_every_column_of_a_csv_file_is_told(name):
     assert row is not None, f"docs/outputs.md lacks {name}"
     told = re.findall(r"`([^`]+)`", row[1])
     own = [column for column in told if not (column.isupper() or "." in column)]
-    columns = _CSV_FILES[name].decode().split("\n")[0].strip().split(",")
-    after = [] if name != "series.csv" else _CSV_FILES["comparison.csv"].decode().split("\n")[0].split(",")
+    columns = _CSV_FILES[name].csv().split("\n")[0].strip().split(",")
+    after = [] if name != "series.csv" else _CSV_FILES["comparison.csv"].csv().split("\n")[0].split(",")
     assert [*own, *after] == columns
 
 

@@ -9,7 +9,7 @@ import pytest
 import rigctl
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.regions import load_regions
-from rigctl.report import data_frames as optional_packages
+from rigctl.report import document
 from rigctl.verbs.predict import Prediction
 from rigctl.verbs.stokes import StokesResult
 from tests.rigctl.example_files import EXAMPLES
@@ -129,9 +129,9 @@ def test_a_missing_extra_says_the_pip_line(monkeypatch):
     def missing(name):
         raise ImportError(name)
 
-    monkeypatch.setattr(optional_packages.importlib, "import_module", missing)
+    monkeypatch.setattr(document.importlib, "import_module", missing)
     with pytest.raises(ImportError, match=r"pip install 'rigctl\[notebook\]'"):
-        optional_packages.optional("polars")
+        document.optional("polars")
 
 
 def test_a_changed_scene_is_predicted_as_a_changed_file_is(tmp_path):

@@ -13,7 +13,7 @@ import pytest
 from rigctl import cli
 from rigctl.cli import HEADINGS
 from rigctl.errors import ConfigError
-from rigctl.report.output import write_folder
+from rigctl.report.files import write_folder
 from tests.rigctl.made_runs import at, make_run
 
 

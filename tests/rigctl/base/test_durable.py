@@ -21,7 +21,7 @@ _OF_OURS = {
     "base/durable.py": "path.open",
     "mapped.py": "source.read_bytes",
     "paper/statements.py": "(files('rigctl') / 'data' / 'paper.toml').read_text",
-    "report/output.py": "(files('rigctl') / 'data' / 'report.html.j2').read_text",
+    "report/files.py": "(files('rigctl') / 'data' / 'report.html.j2').read_text",
     "scene/light.py": "source.read_bytes",
     "scene/sun.py": "(files('rigctl') / 'data' / 'astm-g173-extraterrestrial.csv').read_text",
     "verbs/new.py": "(files('rigctl') / 'data' / 'examples' / name).read_text",

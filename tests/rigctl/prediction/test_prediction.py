@@ -16,7 +16,7 @@ from rigctl.prediction.sweep import Sweep, sweep_over
 from rigctl.prediction.truth_file import write_truth
 from rigctl.report.light import light_json, phi_text
 from rigctl.report.prediction import input_effect_tables, input_effects_json, quantity_tables, with_input_errors
-from rigctl.report.sweep import sweep_csv, sweep_json, sweep_png, sweep_tables
+from rigctl.report.sweep import sweep_json, sweep_png, sweep_table, sweep_tables
 from rigctl.scene.light import SceneLight, SkyStore, build_scenario, readout_of
 from rigctl.scene.scene import gather, scene_of_file
 from tests.rigctl.example_files import EXAMPLES
@@ -107,7 +107,7 @@ def test_a_sweep_over_the_camera_solves_no_sky_anew(predictor, store):
 
 def test_files_of_a_sweep(predictor):
     found = sweep(predictor, "geometry.camera_zenith_deg=20:60:3")
-    header, *rows = sweep_csv(found).decode().splitlines()
+    header, *rows = sweep_table(found).csv().splitlines()
     columns = header.split(",")
     assert columns[0] == "geometry.camera_zenith_deg"
     place = columns.index("paint.dolp_snr.mean")
@@ -122,7 +122,7 @@ def test_a_sweep_shows_detection_of_each_pair(predictor):
     assert found.pairs == (("paint", "road"), ("road", "paint"))
     (alone,) = detections_of_sweep([predictor.predictions({"geometry.camera_zenith_deg": 60.0})], [1e-2])
     assert found.detection(("paint", "road"), 1e-2)[1] == pytest.approx(alone[0].p_detection[0])
-    header, _, last = sweep_csv(found).decode().splitlines()
+    header, _, last = sweep_table(found).csv().splitlines()
     place = header.split(",").index("paint_on_road.p_detection.0.01")
     assert float(last.split(",")[place]) == found.detection(("paint", "road"), 1e-2)[1]
     assert sweep_json(found)["detection"][1]["p_detection"]["0.01"] == found.detection(("road", "paint"), 1e-2).tolist()

@@ -28,9 +28,9 @@ from rigctl.prediction.tradeoff import (
     settings_by,
 )
 from rigctl.report.tradeoff import (
+    points_table,
     proposal,
     reached_table,
-    tradeoff_csv,
     tradeoff_json,
     tradeoff_picture,
     ways_table,
@@ -99,7 +99,7 @@ def test_grouped_frames_show_the_largest_drift(found):
 
 
 def test_files_hold_every_point(found):
-    rows = list(csv.DictReader(io.StringIO(tradeoff_csv(found).decode())))
+    rows = list(csv.DictReader(io.StringIO(points_table(found).csv())))
     assert len(rows) == 2 * len(found.points)
     assert float(rows[0]["total"]) == next(iter(found.points[0].budgets.values())).total
     content = json.loads(json.dumps(tradeoff_json(found), allow_nan=False))

@@ -10,17 +10,15 @@ import pytest
 
 from rigctl.comparison.rows import Row
 from rigctl.report.comparison import (
+    comparison_files,
     comparison_report,
     light_section,
     mixed_row_table,
     row_table,
     summary_table,
-    write_comparison,
 )
-from rigctl.report.data_files import csv_rows, json_rows
-from rigctl.report.document import Picture
-from rigctl.report.output import html
-from rigctl.report.table import Shown, Table
+from rigctl.report.document import Picture, Shown, Table
+from rigctl.report.files import html, write_folder
 from rigctl.rig.roof import perturbed
 from rigctl.session.take import take_session
 from rigctl.verbs.compare import compare, compare_run
@@ -40,7 +38,7 @@ def test_the_report_is_one_file_that_answers_first(compared):
     assert re.findall(r'(?:src|href)="(?!data:)', page) == []
     first = [
         f"<h1>Measurement versus model: {compared[0].parent.name}/run</h1>",
-        "Model and measurement agree in all ",
+        "Model and measurement agree: ",
         "Means of the regions ± standard errors",
         'alt="Map of S0"',
         'alt="Map of DoLP"',
@@ -103,7 +101,7 @@ def test_a_comparison_is_told_to_programs_whole_and_with_its_provenance(compared
 def test_the_same_comparison_gives_the_same_files_on_the_same_day(compared, tmp_path, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1790000000")
     for name in ("a", "b"):
-        write_comparison(compared[1], tmp_path / name)
+        write_folder(tmp_path / name, comparison_files(compared[1]))
     for file in (tmp_path / "a").iterdir():
         assert file.read_bytes() == (tmp_path / "b" / file.name).read_bytes()
     assert b"D:20260921" in (tmp_path / "a" / "report.pdf").read_bytes()
@@ -148,9 +146,9 @@ UNTESTED = Row(region="road", quantity="s0", statistic="mean", predicted=10.0, m
 def test_programs_read_every_field_of_a_row_in_its_order(row):
     # Degrees of freedom are in the score already.
     shown = [field.name for field in fields(Row) if field.name != "freedom"]
-    (content,) = json_rows(row_table([row]))
+    (content,) = row_table([row]).json()
     assert list(content.items()) == [(name, asdict(row)[name]) for name in shown]
-    assert csv_rows(row_table([row])).decode().splitlines()[0].split(",") == shown
+    assert row_table([row]).csv().splitlines()[0].split(",") == shown
 
 
 def test_people_read_numbers_to_the_digits_of_their_error():
@@ -168,7 +166,7 @@ def test_people_read_numbers_to_the_digits_of_their_error():
 def test_an_angle_that_may_be_any_is_undefined_to_people_and_a_number_to_programs():
     row = replace(ROW, quantity="aolp_deg", predicted=12.0, measured=54.0, std_error=81.0)
     assert row_table([row]).texts()[0][2:4] == ("12.00000\N{NO-BREAK SPACE}± 0.00050", "undefined")
-    assert json_rows(row_table([row]))[0]["measured"] == 54.0
+    assert row_table([row]).json()[0]["measured"] == 54.0
 
 
 class MadeLight:

@@ -7,7 +7,7 @@ import pytest
 from drivers.errors import DeviceFaultError, LimitError
 from rigctl.cli import main
 from rigctl.measure.diagnose import quick_diagnosis
-from rigctl.report.output import html
+from rigctl.report.files import html
 from rigctl.report.run import run_report
 from rigctl.runs.folder import read_run
 from rigctl.runs.records import SimulatedLight

@@ -14,11 +14,11 @@ import pytest
 from rich.console import Console
 
 from rigctl import cli
-from rigctl.report.data_files import csv_rows, finite, json_rows, told_places
-from rigctl.report.document import Bullets, Paragraph, Picture, Pictures, Report, Section, Terms, Verbatim, Verdict
-from rigctl.report.output import html, report_file
+from rigctl.console import anonymous
+from rigctl.report.comparison import told_places
+from rigctl.report.document import Column, Picture, Report, Section, Shown, Table, Verbatim, text_columns
+from rigctl.report.files import encoded, html
 from rigctl.report.pdf import pdf
-from rigctl.report.table import Column, Shown, Table, text_columns
 from tests.monkey.workspace import make_workspace
 
 
@@ -41,8 +41,8 @@ TWICE = Column(title="twice", key="twice", value=lambda row: 2.0 * row.light, te
 PIXEL = cv2.imencode(".png", np.zeros((1, 1, 3), np.uint8))[1].tobytes()
 
 
-def report(*blocks, verdict=None):
-    return Report(title="A title", source="Of a test.", sections=[Section(title="S", blocks=blocks)], verdict=verdict)
+def report(*blocks, **judged):
+    return Report(title="A title", source="Of a test.", sections=[Section(title="S", blocks=blocks)], **judged)
 
 
 def page_rows(text):
@@ -62,13 +62,13 @@ def test_a_column_more_stands_on_the_page_in_the_terminal_in_csv_and_in_json():
         ["road &lt;1&gt;", "1.23", "0.01", "2.469"],
     ]
     assert "twice" in terminal_text(table)
-    assert next(csv.reader(io.StringIO(csv_rows(table).decode()))) == ["name", "light", "error", "twice"]
-    assert json_rows(table)[1] == {"name": "paint", "light": 2.0, "error": None, "twice": 4.0}
+    assert next(csv.reader(io.StringIO(table.csv()))) == ["name", "light", "error", "twice"]
+    assert table.json()[1] == {"name": "paint", "light": 2.0, "error": None, "twice": 4.0}
 
 
 def test_people_read_text_and_programs_read_values():
     table = Table(columns=COLUMNS, rows=READINGS)
-    assert csv_rows(table).decode() == "name,light,error\nroad <1>,1.23456,0.01\npaint,2.0,\n"
+    assert table.csv() == "name,light,error\nroad <1>,1.23456,0.01\npaint,2.0,\n"
     assert table.texts(Shown.PAGE)[0] == ("road <1>", "1.23", "0.01")
     assert table.texts(Shown.TERMINAL)[0] == ("road <1>", "1.2", "0.01")
 
@@ -83,14 +83,14 @@ def test_a_column_stands_only_where_it_is_shown():
     table = Table(columns=columns, rows=READINGS)
     assert page_rows(html(report(table)))[0][-1] == "page"
     assert terminal_text(table).splitlines()[0].split()[-1] == "terminal"
-    assert csv_rows(table).decode().splitlines()[0] == "name,light,error,csv"
-    assert list(json_rows(table)[0]) == ["name", "light", "error"]
+    assert table.csv().splitlines()[0] == "name,light,error,csv"
+    assert list(table.json()[0]) == ["name", "light", "error"]
 
 
 def test_columns_without_a_key_are_for_people_alone():
     table = Table(columns=text_columns("what", "which"), rows=(("a", "b"),))
-    assert csv_rows(table) == b"\n\n"
-    assert json_rows(table) == [{}]
+    assert table.csv() == "\n\n"
+    assert table.json() == [{}]
     assert page_rows(html(report(table))) == [["what", "which"], ["a", "b"]]
 
 
@@ -99,18 +99,17 @@ def test_columns_serve_rows_that_hold_theirs():
     plain = Table(columns=COLUMNS, rows=READINGS[:1])
     for where in (Shown.PAGE, Shown.TERMINAL):
         assert held.texts(where) == plain.texts(where)
-    assert csv_rows(held) == csv_rows(plain)
-    assert json_rows(held) == json_rows(plain)
+    assert held.csv() == plain.csv()
+    assert held.json() == plain.json()
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
 def test_json_holds_no_number_that_does_not_exist(number):
-    assert finite(number) is None
-    assert json_rows(Table(columns=COLUMNS, rows=(Reading(name="a", light=number),)))[0]["light"] is None
+    assert Table(columns=COLUMNS, rows=(Reading(name="a", light=number),)).json()[0]["light"] is None
 
 
 def test_csv_leaves_a_number_that_does_not_exist_empty():
-    assert csv_rows(Table(columns=COLUMNS, rows=(Reading(name="a", light=math.nan),))).endswith(b"\na,,\n")
+    assert Table(columns=COLUMNS, rows=(Reading(name="a", light=math.nan),)).csv().endswith("\na,,\n")
 
 
 def test_rows_to_be_seen_at_once_are_marked():
@@ -128,14 +127,13 @@ def test_headings_over_groups_span_their_columns():
 @pytest.mark.parametrize(
     "block",
     [
-        Paragraph(text="a < b"),
-        Bullets(items=("a", "b")),
-        Terms(items=(("flag", "what it means"),)),
-        Verbatim(text="[rig]\nx = 1"),
+        "a < b",
+        ("a", "b"),
+        Verbatim("[rig]\nx = 1"),
         Table(columns=COLUMNS, rows=READINGS),
         Table(columns=text_columns("", ""), rows=(("a", "b"),)),
         Table(columns=COLUMNS, rows=()),
-        Pictures(pictures=(Picture(png=PIXEL), Picture(png=PIXEL, caption="S0"))),
+        ((Picture(png=PIXEL), Picture(png=PIXEL, caption="S0"))),
     ],
 )
 def test_every_block_is_written_as_html_and_as_pdf(block, monkeypatch):
@@ -146,14 +144,14 @@ def test_every_block_is_written_as_html_and_as_pdf(block, monkeypatch):
 
 def test_only_a_report_that_judges_has_a_verdict():
     assert '<div class="verdict' not in html(report())
-    judged = report(verdict=Verdict(good=False, text="No.", reasons=(("Points to angle:", "look"),)))
+    judged = report(verdict="No.", good=False, reasons=(("Points to angle:", "look"),))
     assert '<div class="verdict disagrees">' in html(judged)
     assert pdf(judged).startswith(b"%PDF")
 
 
-def test_the_name_of_a_file_says_how_a_report_is_written(tmp_path):
-    assert report_file(report(), tmp_path / "noise.pdf").startswith(b"%PDF")
-    assert report_file(report(), tmp_path / "noise.html").startswith(b"<!doctype html>")
+def test_the_name_of_a_file_says_how_a_report_is_written():
+    assert encoded(report(), "noise.pdf").startswith(b"%PDF")
+    assert encoded(report(), "noise.html").startswith(b"<!doctype html>")
 
 
 def test_a_table_whose_numbers_would_break_is_turned():
@@ -177,8 +175,8 @@ def test_a_table_one_letter_too_wide_breaks_between_words_and_loses_nothing():
 
 def test_raw_json_stands_on_the_page_and_on_no_paper(monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1790000000")
-    words = Section(title="Words", blocks=(Paragraph(text="a"),))
-    raw = Section(title="Provenance in full", blocks=(Verbatim(text="{}"),), folded=True, printed=False)
+    words = Section(title="Words", blocks=("a",))
+    raw = Section(title="Provenance in full", blocks=(Verbatim("{}"),), folded=True, printed=False)
     both, words_alone = (Report(title="A", source="", sections=sections) for sections in ([words, raw], [words]))
     assert pdf(both) == pdf(words_alone)
     assert "Provenance in full" in html(both)
@@ -186,11 +184,12 @@ def test_raw_json_stands_on_the_page_and_on_no_paper(monkeypatch):
 
 def test_absolute_paths_are_relative_to_the_working_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert told_places({"run": f"{tmp_path}/runs/a", "n": 2}, anonymous=False) == {"run": "runs/a", "n": 2}
+    assert told_places({"run": f"{tmp_path}/runs/a", "n": 2}) == {"run": "runs/a", "n": 2}
 
 
 def test_an_anonymous_report_names_no_folder_serial_number_or_site():
-    told = told_places({"path": "/home/ann/a.toml", "camera_serial": "11", "rig": {"site": {"x": 1}}}, anonymous=True)
+    with anonymous([]):
+        told = told_places({"path": "/home/ann/a.toml", "camera_serial": "11", "rig": {"site": {"x": 1}}})
     assert told == {"path": "a.toml", "camera_serial": "left out", "rig": {"site": "left out"}}
 
 
