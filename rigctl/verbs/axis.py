@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Unpack
 
 from cyclopts import Parameter, validators
 
+from rigctl.base.numbers import percent, to_digits
 from rigctl.console import Json, note
 from rigctl.errors import ConfigError, DataError
 from rigctl.verbs.options import FilePath, Part, RegionsPath, Result, RunOptions, RunPath, ValidDays, Writes, regions_of
@@ -121,7 +122,7 @@ def axis(
     if out is not None:
         write_content(Path(out), file)
     for line in () if write is None else write_into_rig(Path(write), found):
-        note(f"{write}: {line}")
+        note(f"{write}: {line}", below=True)
     if maps is not None and drawn is not None:
         write_whole(Path(maps), drawn.npz())
     if report is not None:
@@ -176,7 +177,8 @@ class AxisResult(Result):
 
 
 def _offset(found: "PolarizerCalibration") -> str:
-    return f"{found.offset_deg.value:.4f} +- {found.offset_deg.std_error:.4f} deg"
+    value, error = found.offset_deg.value, found.offset_deg.std_error
+    return f"{to_digits(value, error)} ± {to_digits(error, error)} deg"
 
 
 def _harmonics(found: "PolarizerCalibration") -> Iterable[str]:
@@ -187,10 +189,15 @@ def _harmonics(found: "PolarizerCalibration") -> Iterable[str]:
     from rigctl.files.session_file import DEFAULT_ANGLES_DEG
 
     for one in found.harmonics:
-        seen = f"seen: {HARMONIC_MEANING[one.order]}" if one.is_seen else "not seen"
-        yield f"residual, {one.order} cycles a turn: {one.amplitude:.2%} +- {one.std_error:.2%} ({seen})"
         if one.is_seen:
+            size, error = 100.0 * one.amplitude, 100.0 * one.std_error
+            shown = f"{to_digits(size, error)} ± {to_digits(error, error)} %"
+            yield f"residual, {one.order} cycles a turn: {shown} (seen: {HARMONIC_MEANING[one.order]})"
             yield _effect(false_dolp(one, np.radians(DEFAULT_ANGLES_DEG)))
+    unseen = [one for one in found.harmonics if not one.is_seen]
+    if unseen:
+        largest = percent(max(one.amplitude + 2.0 * one.std_error for one in unseen))
+        yield f"residual, {', '.join(str(one.order) for one in unseen)} cycles a turn: below {largest} (not seen)"
     if not found.harmonics:
         yield NO_HARMONICS
 

@@ -91,7 +91,7 @@ def export(
         part.replace(place)
     for doubt in unset_polarizer(path, placeholder=used.session.polarizer.placeholder):
         warn(doubt)
-    return ExportedRun(run=path, out=place, to=to, frames=len(used.frames))
+    return ExportedRun(run=path, out=place, of=of, to=to, frames=len(used.frames))
 
 
 def _stokes(run: "Run", regions: "list[Region]", frames: FrameOptions, to: ExportFormat, out: Path) -> None:
@@ -140,12 +140,15 @@ class ExportedRun(Result):
 
     run: Path
     out: Path
+    of: Literal["frames", "stokes"]
     to: ExportFormat
     frames: int
 
     def content(self) -> Iterable[Part]:
-        """Return the number of frames and the file."""
-        yield f"{self.frames} frames in {self.out}"
+        """Return what the file has, and from how many frames."""
+        numbers = "Stokes parameters of pixels" if self.of == "stokes" else "means of regions, cycle by cycle,"
+        has_frames = self.of == "frames" and self.to != "csv"
+        yield f"{self.frames} frames in {self.out}" if has_frames else f"{numbers} from {self.frames} frames: {self.out}"
 
     def as_json(self) -> dict[str, Json]:
         """Return run, place, format and number of frames."""

@@ -231,7 +231,7 @@ def acquire(
         warn(doubt)
     for remark in planned.remarks:
         if remark not in prepared.doubts:
-            note(remark)
+            note(remark, below=True)
     return SessionResult(path=folder, planned=PlannedSession(plan=planned))
 
 
