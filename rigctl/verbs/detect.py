@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from rigctl.comparison.detect import RxOnRun
 
 _FILES = ("rx.fits", "rx.png", "roc.csv", "roc.png", "detection.json")
+_RATE = 1e-3  # of false alarms, for the answer
 
 
 def detect(
@@ -109,10 +110,16 @@ class DetectResult(Result):
     found: "RxOnRun"  #: map, measured and predicted ROC
 
     def content(self) -> Iterable[Part]:
-        """Return the curves at round false alarm rates, and what predicts them."""
+        """Return the detection at a false alarm rate of 1e-3, the curves at round rates, and what predicts them."""
         from rigctl.report.detection import roc_plot, round_roc_table
 
-        yield round_roc_table(self.found)
+        found, at = self.found, int(abs(self.found.p_false_alarm - _RATE).argmin())
+        yield (
+            f"{found.target} on {found.background}: P_D {found.empirical_p_detection[at]:.4f} (95 %: "
+            f"{found.band_low[at]:.4f} to {found.band_high[at]:.4f}), predicted {found.predicted_p_detection[at]:.4f}, "
+            f"at a false alarm rate of {found.p_false_alarm[at]:g}"
+        )
+        yield round_roc_table(found)
         yield f"predicted from {self.found.predicted_from}"
         yield from self.found.warnings
         yield lambda: roc_plot(self.found)
