@@ -105,6 +105,11 @@ def to_digits(value: float, error: float) -> str:
     return f"{value:.{max(0, 1 - exponent)}f}"
 
 
+def plus_minus(value: float, error: float) -> str:
+    """Return a number with its standard error, both to two digits of the error."""
+    return f"{to_digits(value, error)} ± {to_digits(error, error)}"
+
+
 def signed(score: float | None) -> str:
     """Return a standard score."""
     return NOTHING if score is None else f"{score:+.2f}"

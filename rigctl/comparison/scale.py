@@ -19,7 +19,7 @@ from model.prediction import RegionPrediction, predict
 from model.processing.agreement import input_jacobian
 from model.sensor import counts_per_radiance
 from rigctl.base.durable import source_of
-from rigctl.base.numbers import percent
+from rigctl.base.numbers import percent, plus_minus
 from rigctl.calibrations.radiometric import SCHEMA_VERSION, RadiometricResponse
 from rigctl.calibrations.record import header_of, source_of_run
 from rigctl.comparison.predict_run import differences, one_exposure_s, run_readout, scene_of_run
@@ -98,7 +98,7 @@ class Scale:
         """The scale in a line."""
         if self.kind == "absolute":
             return f"Scale of the counts: from the scene file, known to {percent(self.std_error)} ({self.source})"
-        return f"Scale of the counts: {self.value:.4g} +- {self.std_error:.2g} times the scene file's ({self.source})"
+        return f"Scale of the counts: {plus_minus(self.value, self.std_error)} times the scene file's ({self.source})"
 
 
 def scale_inputs(

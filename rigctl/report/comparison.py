@@ -25,7 +25,7 @@ from model.processing.dolp_studies import normalized_density
 from model.processing.reconstruction import aolp_is_defined
 from model.quantities import FOLLOWED, QUANTITIES, angle_of
 from model.stokes import dolp as degree_of_polarization
-from rigctl.base.numbers import NOTHING, chance, p_value, signed, size, to_digits
+from rigctl.base.numbers import NOTHING, chance, p_value, plus_minus, signed, size, to_digits
 from rigctl.calibrations.made_for import MeasuredOverFrames
 from rigctl.comparison.checks import ADVICE, not_judged, refusals, reservations, said_of, unjudged_lines
 from rigctl.comparison.compare import ALLOWED_SHARE
@@ -682,7 +682,7 @@ def _mean_of(found: Sequence[tuple[float, float]]) -> str:
     mean = float(np.sum(weights * values) / np.sum(weights))
     scatter = float(np.sum(weights * (values - mean) ** 2)) / max(len(found) - 1, 1)
     error = float(np.sqrt(max(scatter, 1.0) / np.sum(weights)))
-    return f"{to_digits(mean, error)} ± {to_digits(error, error)}".replace("-", "−")
+    return plus_minus(mean, error).replace("-", "−")
 
 
 def _reasons(comparison: Comparison) -> Iterable[str]:

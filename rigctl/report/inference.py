@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rigctl.base.numbers import chance, finite, percent, to_digits
+from rigctl.base.numbers import chance, finite, percent, plus_minus
 from rigctl.comparison.inference import QUANTITIES, Inference
 from rigctl.report.document import Column, Shown, Table, value_columns
 from rigctl.report.drawing import MEASURED, PREDICTED, png, subplots
@@ -154,7 +154,7 @@ def _place(found: Inference, k: int) -> str:
 
 
 def _with_std(value: float, std: float) -> str:
-    return f"{to_digits(value, std)} ± {to_digits(std, std)}"
+    return plus_minus(value, std)
 
 
 def inference_json(found: Inference) -> dict[str, Json]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from model.processing.reconstruction import aolp_is_defined
 from model.quantities import ORDERED
-from rigctl.base.numbers import NO_NUMBER, NOTHING, size, to_digits
+from rigctl.base.numbers import NO_NUMBER, NOTHING, plus_minus, size, to_digits
 from rigctl.report.document import Column, Table, text_columns
 from rigctl.report.drawing import (
     LINE_STYLES,
@@ -90,7 +90,7 @@ def with_error(quantity: str, value: float, error: float) -> str:
     """Return a number with its standard error; an AoLP whose 95 % interval covers all angles is undefined."""
     if quantity == "aolp_deg" and not aolp_is_defined(np.radians(error)):
         return "undefined"
-    return f"{to_digits(value, error)} ± {to_digits(error, error)}"
+    return plus_minus(value, error)
 
 
 def strength_table(predictions: Mapping[str, RegionPrediction], performance: Performance) -> Table[tuple[str, ...]]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Unpack
 
 from cyclopts import Parameter, validators
 
-from rigctl.base.numbers import percent, to_digits
+from rigctl.base.numbers import percent, plus_minus
 from rigctl.console import Json, note
 from rigctl.errors import ConfigError, DataError
 from rigctl.verbs.options import FilePath, Part, RegionsPath, Result, RunOptions, RunPath, ValidDays, Writes, regions_of
@@ -177,8 +177,7 @@ class AxisResult(Result):
 
 
 def _offset(found: "PolarizerCalibration") -> str:
-    value, error = found.offset_deg.value, found.offset_deg.std_error
-    return f"{to_digits(value, error)} ± {to_digits(error, error)} deg"
+    return f"{plus_minus(found.offset_deg.value, found.offset_deg.std_error)} deg"
 
 
 def _harmonics(found: "PolarizerCalibration") -> Iterable[str]:
@@ -190,9 +189,8 @@ def _harmonics(found: "PolarizerCalibration") -> Iterable[str]:
 
     for one in found.harmonics:
         if one.is_seen:
-            size, error = 100.0 * one.amplitude, 100.0 * one.std_error
-            shown = f"{to_digits(size, error)} ± {to_digits(error, error)} %"
-            yield f"residual, {one.order} cycles a turn: {shown} (seen: {HARMONIC_MEANING[one.order]})"
+            size = plus_minus(100.0 * one.amplitude, 100.0 * one.std_error)
+            yield f"residual, {one.order} cycles a turn: {size} % (seen: {HARMONIC_MEANING[one.order]})"
             yield _effect(false_dolp(one, np.radians(DEFAULT_ANGLES_DEG)))
     unseen = [one for one in found.harmonics if not one.is_seen]
     if unseen:

@@ -15,6 +15,7 @@ from cyclopts import Parameter, validators
 
 from drivers.cameras.raw_planes import Plane
 from rigctl.base.durable import MOST_FRAME_MB
+from rigctl.base.numbers import percent, plus_minus, to_digits
 from rigctl.console import Json, note, progress, warn
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ExposureUnit
@@ -335,10 +336,8 @@ class DoublingResult(Result):
     def content(self) -> Iterable[Part]:
         """Return it in a sentence."""
         one = self.found
-        yield (
-            f"the dark current doubles every {one.value_k:.2f} +- {one.std_error_k:.2f} K "
-            f"({one.n_temperatures} temperatures)"
-        )
+        doubling = plus_minus(one.value_k, one.std_error_k)
+        yield f"the dark current doubles every {doubling} K ({one.n_temperatures} temperatures)"
 
     def as_json(self) -> dict[str, Json]:
         """Return value, standard error and number of temperatures."""
@@ -437,7 +436,10 @@ class FlatResult(Result):
             Column(title="pattern [%]", text=lambda row: f"{100.0 * row['pattern_rms']:.3f}"),
             Column(title="own noise [%]", text=lambda row: f"{100.0 * row['noise_rms']:.3f}"),
         )
-        yield Table(columns=columns, rows=tuple(self.found.rows()))
+        rows = tuple(self.found.rows())
+        pattern, noise = (percent(max(row[key] for row in rows)) for key in ("pattern_rms", "noise_rms"))
+        yield f"pixels differ by {pattern} (rms), known to {noise} each"
+        yield Table(columns=columns, rows=rows)
 
     def as_json(self) -> dict[str, Json]:
         """Return the numbers of the file."""
@@ -504,7 +506,7 @@ class LensResult(Result):
         variances = self.found.lens.covariance.diagonal()[:4].tolist()
         names = ("focal length right", "focal length down", "axis right", "axis down")
         for name, value, variance in zip(names, values, variances, strict=True):
-            yield f"{name:<20} {value:.2f} +- {variance**0.5:.2f} pixel"
+            yield f"{name:<20} {plus_minus(value, variance**0.5)} pixel"
 
     def as_json(self) -> dict[str, Json]:
         """Return the content of the file."""
@@ -596,13 +598,17 @@ class RadiometricResult(Result):
         from rigctl.report.document import Table, text_columns
 
         found, scale = self.file, self.file["over_scene_file"]
+        ratio, all_angles = scale["value"], found["response_dn_per_radiance"]
+        yield (
+            f"{plus_minus(all_angles['value'], all_angles['std_error'])} DN per W m-2 sr-1, "
+            f"{plus_minus(ratio, scale['std_error'])} times what the scene file says of the sensor"
+        )
         numbers = [(f"{one['polarizer_angle_deg']:.2f}", one["response_dn_per_radiance"]) for one in found["channels"]]
         rows = tuple(
-            (name, f"{one['value']:.5g}", f"{one['std_error']:.2g}")
-            for name, one in (*numbers, ("all", found["response_dn_per_radiance"]))
+            (name, to_digits(one["value"], one["std_error"]), f"{one['std_error']:.2g}")
+            for name, one in (*numbers, ("all", all_angles))
         )
         yield Table(columns=text_columns("angle [deg]", "DN per W m-2 sr-1", "std error", left=()), rows=rows)
-        yield f"{scale['value']:.4g} +- {scale['std_error']:.2g} times what the scene file says of the sensor"
         shares = [(name, part) for name, part in found["variance_shares"].items() if part >= _LEAST_SHARE]
         if shares:
             yield "variance: " + ", ".join(f"{part:.0%} {name}" for name, part in shares[:_MOST_CAUSES])
@@ -691,13 +697,13 @@ class RegistrationResult(Result):
             Column(title="std errors [pixel]", text=errors),
         )
         found = self.found
+        if found.wander is not None:
+            radius = abs(found.wander.turning_pixels)
+            yield f"pictures walk on a circle of {radius:.3f} pixel, residual {found.wander.residual_pixels:.3f} pixel"
         yield Table(columns=columns, rows=found.rows())
         for index in found.shifted:
             text = f"edges at {found.angle_deg[index]:.1f} deg that do not lie on one another: "
             yield text + before_and_after(found.found, index)
-        if found.wander is not None:
-            radius = abs(found.wander.turning_pixels)
-            yield f"circle of {radius:.3f} pixel, residual {found.wander.residual_pixels:.3f} pixel"
         if found.finding is not None:
             yield found.finding
 

@@ -148,7 +148,9 @@ class ExportedRun(Result):
         """Return what the file has, and from how many frames."""
         numbers = "Stokes parameters of pixels" if self.of == "stokes" else "means of regions, cycle by cycle,"
         has_frames = self.of == "frames" and self.to != "csv"
-        yield f"{self.frames} frames in {self.out}" if has_frames else f"{numbers} from {self.frames} frames: {self.out}"
+        yield (
+            f"{self.frames} frames in {self.out}" if has_frames else f"{numbers} from {self.frames} frames: {self.out}"
+        )
 
     def as_json(self) -> dict[str, Json]:
         """Return run, place, format and number of frames."""

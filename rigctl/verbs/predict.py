@@ -508,7 +508,7 @@ def _csv_table(numbers: Iterable[tuple[str, str, str, float]], remarks: Iterable
 
 
 def _dolp_text(name: str, prediction: "RegionPrediction") -> str:
-    from rigctl.base.numbers import to_digits
+    from rigctl.base.numbers import plus_minus
 
     dolp = prediction.quantities.get("dolp", {})
     mean, std = dolp.get("mean"), dolp.get("std")
@@ -516,7 +516,7 @@ def _dolp_text(name: str, prediction: "RegionPrediction") -> str:
         return f"{name} undefined"
     if std > 1.0:
         return f"{name} not determined (no light above the noise)"
-    return f"{name} {to_digits(mean, std)} ± {to_digits(std, std)}"
+    return f"{name} {plus_minus(mean, std)}"
 
 
 def _report(picked: "RigPicks", doubts: Iterable[str]) -> None:
