@@ -25,9 +25,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
-from scipy.stats import qmc, sobol_indices
 
+from model.numerics import ndtr, ndtri
 from model.prediction import RegionPrediction, detections_of_sweep
 from model.quantities import is_counts
 from rigctl import mapped as on_dask
@@ -265,6 +264,8 @@ def unit_draws(kind: str, inputs: int, n: int, seed: int) -> FloatArray:
     Of "sobol" the rows are A, B, and for each input A with that input's column of B, n each (Saltelli et al., Comput.
     Phys. Commun. 181 (2010) 259).
     """
+    from scipy.stats import qmc
+
     rng = np.random.default_rng(seed)
     if kind == "latin":
         return np.asarray(qmc.LatinHypercube(inputs, rng=rng).random(n))
@@ -722,6 +723,8 @@ def sobol_of(number: tuple[str, str, str], values: FloatArray, inputs: Iterable[
         reason = "no input changes it"
     if reason:
         return tuple(_sobol_index(number, key, [math.nan] * 6, reason) for key in keys)
+    from scipy.stats import sobol_indices
+
     blocks = values.reshape(len(keys) + 2, 1, -1)
     # Indices of an input without effect are 0, without limits from the bootstrap.
     acting = [k for k in range(len(keys)) if np.any(blocks[2 + k] != blocks[0])]

@@ -223,10 +223,12 @@ def predict(
     if not SMALLEST <= tolerance <= LARGEST:
         raise ValueError(f"tolerance = {tolerance:g}, allowed is {SMALLEST:g} to {LARGEST:g}")
     sizes = (len(scenes),) if shape is None else shape
+    places = list(product(*(range(size) for size in sizes)))
+    whole = cloud(places, np.array(places, dtype=np.float64) if points is None else points)
     run = _Run(
-        dict(zip(product(*(range(size) for size in sizes)), scenes, strict=True)),
-        cells=lattice(sizes) if points is None else clouds(points),
-        is_line=points is None and sum(size > 1 for size in sizes) <= 1,
+        dict(zip(places, scenes, strict=True)),
+        whole=whole,
+        cells=lattice(sizes) if points is None else tuple(whole.leaves()),
         tolerance=tolerance,
         acting=effects,
         planned=planned,
@@ -256,8 +258,8 @@ class _Run:
         self,
         scenes: Mapping[Index, LitScene],
         *,
+        whole: Cloud,
         cells: Sequence[Cell | Cloud],
-        is_line: bool,
         tolerance: float,
         acting: frozenset[Effect],
         planned: EffectPlanner | None,
@@ -265,7 +267,7 @@ class _Run:
         store: LightStore,
         clock: Clock,
     ) -> None:
-        self._scenes, self._cells, self._is_line, self._tolerance = scenes, cells, is_line, tolerance
+        self._scenes, self._whole, self._cells, self._tolerance = scenes, whole, cells, tolerance
         self._acting, self._planned, self._estimated_only = acting, planned, estimated_only
         self._store, self._clock = store, clock
         # A single scene stands for no others.
@@ -378,17 +380,16 @@ class _Run:
         left = [place for place in self._by_sky(cell.places) if place not in self._found]
         between, harder = self._between(left, corners)
         self._found |= between
-        refused = [place for place in left if place not in between]
         # They stand for no others.
-        last = [place for place in refused if place in harder or not self._is_line]
+        last = [place for place in left if place in harder]
         self._found |= zip(last, self._judge_all(last, share=1.0), strict=True)
-        if unsure := [place for place in refused if place not in self._found]:
-            inside = _inside(cell, unsure[0])
-            if not self._holds(self._judge(inside), corners):
+        if unsure := [place for place in left if place not in self._found]:
+            outermost = self._judge_all(self._whole.part(unsure).corners)
+            if not all(self._holds(one, corners) for one in outermost):
                 # Its neighbours told too little: what was taken by them is looked at again.
                 self._found = {place: one for place, one in self._found.items() if place not in left or one.is_judged}
-            for part in cell.divided(inside):
-                self._fill(part)
+                unsure = [place for place in left if place not in self._found]
+            self._fill(self._whole.part(unsure))
 
     def _between(
         self, places: Sequence[Index], corners: Sequence[Predicted]
@@ -439,10 +440,15 @@ class _Run:
         numbers = {place: result.readings for place, result in results.items()}
         errors = {place: told_errors(corners, found) for place, found in numbers.items()}
 
-        def is_kept(place: Index) -> bool:
-            return _keeps(errors[place], numbers[place], unknown, self._tolerance - effects[place][1])
+        def is_kept(place: Index, among: Iterable[Reading]) -> bool:
+            return _keeps(errors[place], among, unknown, self._tolerance - effects[place][1])
 
-        unsure = [place for place in results if place not in harder and not is_kept(place)]
+        # Of some numbers the neighbours tell nothing; where what they tell is too much already it is left at that.
+        unsure = [
+            place
+            for place, told in errors.items()
+            if place not in harder and is_kept(place, told) and not is_kept(place, numbers[place])
+        ]
         begun = self._clock()
         cases = [(self._scenes[place], results[place]) for place in unsure]
         errors |= zip(unsure, _propagated_errors(corners, cases, tolerance=self._tolerance), strict=True)
@@ -461,7 +467,7 @@ class _Run:
                 spent=effects[place][1],
             )
             for place, result in results.items()
-            if place not in harder and is_kept(place)
+            if place not in harder and is_kept(place, numbers[place])
         }
 
     def _is_harder(self, place: Index, result: ChainResult, corners: Sequence[Predicted]) -> bool:
@@ -599,11 +605,6 @@ def _left_out(plan: EffectPlan, acting: frozenset[Effect]) -> _LeftOut:
     there = {one.effect for one in plan.decisions if one.bound.largest > 0.0}
     found = (LIGHT & acting & there) - plan.active
     return (found, plan.spent.largest) if found else _NOTHING_LEFT_OUT
-
-
-def _inside(cell: Cell | Cloud, place: Index) -> Index:
-    """Return the middle of a cell, or a case of it where all that is between its corners lies along its edges."""
-    return place if cell.middle in cell.corners else cell.middle
 
 
 def _sky(scene: LitScene) -> object:
@@ -820,7 +821,11 @@ class Cloud:
     """Cases that lie near one another, scattered over some numbers."""
 
     members: tuple[Index, ...]
-    points: FloatArray = field(compare=False, repr=False)  #: of all cases, each number over its range
+    points: Mapping[Index, FloatArray] = field(compare=False, repr=False)  #: of all cases, each number over its range
+
+    def part(self, members: Iterable[Index]) -> Cloud:
+        """Return a cloud of some of its cases."""
+        return Cloud(tuple(members), self.points)
 
     @cached_property
     def corners(self) -> tuple[Index, ...]:
@@ -850,32 +855,32 @@ class Cloud:
     def divided(self, place: Index) -> tuple[Cloud, ...]:
         """Return its halves, both with this case."""
         parts = self._halves([one for one in self.members if one != place])
-        return tuple(Cloud((place, *part), self.points) for part in parts if part)
+        return tuple(self.part((place, *half)) for half in parts if half)
 
     def leaves(self) -> Iterator[Cloud]:
         """Yield clouds that hold no more cases than one should."""
         if len(self.members) <= _IN_CLOUD:
             yield self
             return
-        for part in self._halves(self.members):
-            yield from Cloud(part, self.points).leaves()
+        for half in self._halves(self.members):
+            yield from self.part(half).leaves()
 
     def _halves(self, members: Sequence[Index]) -> tuple[tuple[Index, ...], tuple[Index, ...]]:
         """Return cases cut in two across the number that changes most."""
         axis = int(np.ptp(self._own, axis=0).argmax())
-        ordered = sorted(members, key=lambda place: float(self.points[place[0], axis]))
+        ordered = sorted(members, key=lambda place: float(self.points[place][axis]))
         return tuple(ordered[: len(ordered) // 2]), tuple(ordered[len(ordered) // 2 :])
 
     @property
     def _own(self) -> FloatArray:
-        return self.points[[place[0] for place in self.members]]
+        return np.array([self.points[place] for place in self.members])
 
 
-def clouds(points: FloatArray) -> tuple[Cloud, ...]:
-    """Return scattered cases as clouds."""
+def cloud(places: Sequence[Index], points: FloatArray) -> Cloud:
+    """Return cases with their numbers, each over its range, as one cloud."""
     span = np.ptp(points, axis=0)
     scaled = points[:, span > 0.0] / span[span > 0.0] if np.any(span > 0.0) else np.zeros((len(points), 1))
-    return tuple(Cloud(tuple((k,) for k in range(len(points))), scaled).leaves())
+    return Cloud(tuple(places), dict(zip(places, scaled, strict=True)))
 
 
 # Steps of the grid between corners, by the number of its axes: corners are so few that looking at them closely is a

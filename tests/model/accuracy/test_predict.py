@@ -18,7 +18,7 @@ from model.accuracy.plan import (
     WAVELENGTHS,
     settings_at,
 )
-from model.accuracy.predict import ESTIMATES, clouds, predict, told_errors
+from model.accuracy.predict import ESTIMATES, cloud, predict, told_errors
 from model.atmosphere.layers import AerosolKind
 from model.atmosphere.sky import Fidelity, SolverSettings
 from model.effects.names import ALL, LIGHT, Effect
@@ -219,7 +219,7 @@ def test_scattered_cases_keep_their_tolerance_though_few_are_judged():
 
 def test_scattered_cases_are_cut_into_clouds_that_hold_each_once():
     points = np.random.default_rng(1).uniform(size=(300, 5)) * [1.0, 10.0, 0.0, 3.0, 1.0]
-    found = clouds(points)
+    found = tuple(cloud([(k,) for k in range(300)], points).leaves())
     assert sorted(place for cloud in found for place in cloud.places) == [(k,) for k in range(300)]
     assert max(len(cloud.places) for cloud in found) <= 64
     assert all(len(cloud.corners) <= 2 * 4 for cloud in found)  # the third number does not change
