@@ -27,7 +27,7 @@ from model.stokes import dolp
 from rigctl.base.numbers import p_value
 from rigctl.imports.levels import histogram, odd_pattern, saturation_plateau
 from rigctl.measure.diagnose import MeasuredRun, RunDiagnosis
-from rigctl.measure.measure import Measurement, frame_order, signal_of_cycle
+from rigctl.measure.measure import Measurement, signal_of_cycle
 
 if TYPE_CHECKING:
     from rigctl.comparison.rows import Row
@@ -124,7 +124,7 @@ def _pair_sums(measurement: Measurement) -> Iterable[Check]:
 
 def _rounding(measurement: Measurement) -> FloatArray:
     """Return the covariance of the means of frames by rounding, which is that of every region."""
-    usable = ~(measurement.saturated | measurement.missing)
+    usable = measurement.frames.usable
     step = float(measurement.grid.to_unit.max())
     return np.diag(np.square(rounding_offsets(measurement.channels, usable, step=step)))
 
@@ -316,15 +316,15 @@ def shown_effects(run: MeasuredRun) -> dict[Effect, tuple[float, float]]:
 
 
 def _light(measurement: Measurement, cycle: int) -> float:
-    usable = ~(measurement.saturated | measurement.missing)
+    usable = measurement.frames.usable
     if usable.all():
-        return float(measurement.light[cycle])
+        return float(measurement.frames.light[cycle])
     # The pixels to leave out are known only after all frames were read, so the frames are read again.
     return float(signal_of_cycle(measurement, cycle).mean(axis=0)[usable].mean())
 
 
 def _false_dolp(measurement: Measurement, drift: float) -> float:
-    unpolarised = drifting_light(drift, frame_order(measurement))
+    unpolarised = drifting_light(drift, measurement.grid.frame_order)
     return float(dolp(measurement.plan.inverse @ unpolarised))
 
 

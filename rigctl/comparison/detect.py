@@ -108,7 +108,7 @@ def _statistic(pixels: FloatArray, mean: FloatArray, cov: FloatArray) -> FloatAr
 
 def _map(measurement: Measurement, stokes: FloatArray, mean: FloatArray, cov: FloatArray) -> FloatArray:
     values = _statistic(stokes.reshape(DIM, -1), mean, cov).reshape(stokes.shape[1:])
-    return np.where(measurement.saturated | measurement.missing, np.nan, values)
+    return np.where(measurement.frames.usable, values, np.nan)
 
 
 def _band(detected: NDArray[np.int64], pixels: int, independent: float) -> tuple[FloatArray, FloatArray]:

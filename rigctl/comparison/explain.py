@@ -155,7 +155,7 @@ def _evidence(rows: Sequence[Row], measurement: Measurement) -> tuple[NDArray[np
 
 def _fill_means(cov: FloatArray, position: dict[NumberKey, int], measurement: Measurement) -> None:
     names = measurement.grid.channel_names
-    level = measurement.dark_level.std_error_dn * measurement.grid.to_unit
+    level = measurement.frames.dark_level.std_error_dn * measurement.grid.to_unit
     at = {
         region: [position[NumberKey(region, name, "mean")] for name in names]
         for region in measurement.regions

@@ -408,7 +408,7 @@ _LEAST_SNR = 10.0
 def _measured(measurement: Measurement, regions: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Return the measured numbers of regions and their covariance; all regions share the error of the dark level."""
     inverse = measurement.plan.inverse
-    level = measurement.dark_level.std_error_dn * measurement.grid.to_unit
+    level = measurement.frames.dark_level.std_error_dn * measurement.grid.to_unit
     means = [measurement.regions[name].channels_mean for name in regions]
     stokes = [inverse @ mean.mean for mean in means]
     slopes = [

@@ -23,7 +23,7 @@ from rigctl.comparison.rows import with_ratios
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.place import GeometrySection, Place, PointingSection, SiteSection
 from rigctl.files.toml import Uncertain
-from rigctl.measure.measure import Measurement, frame_order
+from rigctl.measure.measure import Measurement
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord, SimulatedLight
 from rigctl.scene.light import SceneLight, build_scenario, sun_text
@@ -143,7 +143,7 @@ def _with_cycle(scene: Scene, measurement: Measurement) -> Scene:
         polarizer_offset_deg=Uncertain(value=offset.value, std=std),
         angle_deg=scene.rig.angle_deg[:1] * len(names),
         angle_names=tuple(angle_of(name) for name in names),
-        frame_order=tuple(frame_order(measurement).tolist()),
+        frame_order=tuple(measurement.grid.frame_order.tolist()),
     )
     return replace(scene, rig=rig)
 

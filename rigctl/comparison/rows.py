@@ -348,7 +348,7 @@ def _repeats(region: MeasuredRegion) -> dict[str, FloatArray]:
 
 
 def _dark_level(measurement: Measurement) -> FloatArray:
-    level = measurement.dark_level.std_error_dn * measurement.grid.to_unit
+    level = measurement.frames.dark_level.std_error_dn * measurement.grid.to_unit
     return np.outer(level, level)
 
 

@@ -105,7 +105,7 @@ class RunDiagnosis:
 def diagnose_run(measurement: Measurement, *, most_pixels: int | None = None) -> RunDiagnosis:
     """Return the faults of a run from the redundancy of its angles."""
     plan, pictures, angles_rad, times = _frames(measurement)
-    usable = ~(measurement.saturated | measurement.missing)
+    usable = measurement.frames.usable
     means, slopes = dict(_means(measurement, pictures, usable)), dict(_slopes(measurement, pictures, usable))
     seen, seen_usable, side = coarse_pictures(pictures, usable, most_pixels=most_pixels or usable.size)
     step = float(measurement.grid.to_unit.max())
@@ -408,7 +408,7 @@ class MeasuredRun:
         """Shifts of the pictures against the first, or why they cannot be measured."""
         measurement = self.measurement
         try:
-            return register(measurement.channels, ~(measurement.saturated | measurement.missing))
+            return register(measurement.channels, measurement.frames.usable)
         except CalibrationError as error:
             return str(error)
 
@@ -437,7 +437,7 @@ def measure_run(
 
 def _correction_remarks(measurement: Measurement, regions: list[Region]) -> tuple[str, ...]:
     """Return what was done to frames by calibrations and to regions by their repeats, in words."""
-    done = measurement.corrections
+    done = measurement.frames.corrections
     return (
         *_of_repeats(measurement),
         *(() if done.throughput is None else (_of_throughput(done.throughput),)),

@@ -2,12 +2,12 @@
 
 `arrange` finds which frame is which; `RunCalibrations` are what they are processed with; `find_dark_level` says what is
 taken off. `Corrections` are, in this order: the throughput of the polarizer at an angle, flat fields, and a
-registration that moves frames to lie on one another; each says what it does to noise. `corrected_frames` gives a reader
-of frames, one by one, that keeps what is known of all.
+registration that moves frames to lie on one another; each says what it does to noise. `corrected_frames` gives the
+frames with all of this applied.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from calibration.polarimeter.pictures import edges_left, moved_back
 from model.counts import ROUNDING_VAR_DN2
-from model.processing.mosaic import variance_factor
+from model.processing.mosaic import Interpolation, variance_factor
 from model.quantities import counts_name
 from rigctl.base.numbers import wrapped
 from rigctl.calibrations.flat import FlatFields
@@ -115,6 +115,11 @@ class FrameGrid:
             return None
         places = np.array([np.searchsorted(np.unique(cycle), cycle) / len(np.unique(cycle)) for cycle in order])
         return np.asarray(np.arange(self.cycles)[:, None] + places)
+
+    @property
+    def frame_order(self) -> NDArray[np.intp]:
+        """Place of each angle's frame in the first cycle, from 0."""
+        return np.argsort(np.argsort([record.sequence for record in self.records[0]]))
 
     @property
     def to_unit(self) -> FloatArray:
@@ -337,10 +342,6 @@ class FlatDivision:
     variance_factor: FloatArray  #: Factor on the variance of noise, mean over the pixels.
     error: FloatArray  #: Standard deviation over the pixels of the flat field's own error, relative.
 
-    def divided(self, signal: FloatArray, channel: int) -> FloatArray:
-        """Return a frame of a channel, dark level off, over its flat field."""
-        return np.asarray(signal / self.response[channel])
-
 
 def flat_division(grid: FrameGrid, flats: FlatFields) -> FlatDivision:
     """Return the flat fields for the frames of a run."""
@@ -505,7 +506,7 @@ class Corrections:
         if self.throughput is not None:
             signal = signal / self.throughput.value[channel]
         if self.flat is not None:
-            signal = self.flat.divided(signal, channel)
+            signal = signal / self.flat.response[channel]
         return signal if self.shifts is None else self.shifts.signal(record, signal)
 
     def touched(self, bad: BoolArray, record: FrameRecord) -> BoolArray:
@@ -576,19 +577,29 @@ NOTHING = Corrections()
 
 
 class CorrectedFrames:
-    """Reads frames one by one; accumulates their sum by angle, mean by cycle, and unusable pixels."""
+    """The frames of a run, corrected. Once `read`, they have their means and the pixels that cannot be used."""
 
     def __init__(self, run: Run, grid: FrameGrid, dark_level: DarkLevel, corrections: Corrections) -> None:
         """Set run, grid and corrections; nothing is read yet."""
         shape = (grid.height, grid.width)
-        self._run, self.interpolation = run, run.session.interpolation
-        self.is_mosaic = run.session.cell_deg is not None
-        self.grid, self.dark_level, self.corrections = grid, dark_level, corrections
-        self.sums = np.zeros((grid.angles, *shape))
-        self.light = np.zeros(grid.cycles)
-        self.saturated = np.zeros(shape, dtype=np.bool_)
-        self.missing = np.zeros(shape, dtype=np.bool_)
-        self.at_zero = np.zeros(shape, dtype=np.bool_)
+        self.run, self.grid = run, grid
+        self.dark_level = dark_level  #: subtracted from the counts, with its source
+        self.corrections = corrections  #: applied after the dark level
+        self.channels = np.zeros((grid.angles, *shape))  #: mean of each angle over the cycles [grid.unit]
+        self.light = np.zeros(grid.cycles)  #: mean of all pixels of all angles, cycle by cycle [grid.unit]
+        self.saturated = np.zeros(shape, dtype=np.bool_)  #: pixels that are saturated in any frame
+        self.missing = np.zeros(shape, dtype=np.bool_)  #: pixels that are missing in any frame
+        self.at_zero = np.zeros(shape, dtype=np.bool_)  #: pixels of 0 counts, the lower end, in any frame
+
+    @property
+    def usable(self) -> BoolArray:
+        """Pixels that are neither saturated nor missing in any frame."""
+        return ~(self.saturated | self.missing)
+
+    @property
+    def interpolation(self) -> Interpolation:
+        """How the pictures of a mosaic were interpolated before they were stored."""
+        return self.run.session.interpolation
 
     @property
     def are_counts(self) -> bool:
@@ -596,38 +607,30 @@ class CorrectedFrames:
         done = self.corrections
         return self.grid.is_whole and done.flat is None and done.shifts is None and done.interpolated == 1.0
 
-    def anew(self) -> "CorrectedFrames":
-        """Return a new reader of the same frames."""
-        return CorrectedFrames(self._run, self.grid, self.dark_level, self.corrections)
-
-    def pixels(self, inside: Mapping[str, NDArray[np.bool_]]) -> dict[str, FloatArray]:
-        """Return the signal of every frame in each region, shape (cycles, N, P)."""
+    def read(self, inside: Mapping[str, BoolArray]) -> dict[str, FloatArray]:
+        """Read every frame once; return the signal in each region, shape (cycles, N, P)."""
         places = {name: np.flatnonzero(mask) for name, mask in inside.items()}
         pixels = {name: np.empty((self.grid.cycles, self.grid.angles, of.size)) for name, of in places.items()}
-        for cycle in range(self.grid.cycles):
-            for name, found in self.cycle(cycle, places).items():
-                pixels[name][cycle] = found
+        for cycle, records in enumerate(self.grid.records):
+            for angle, record in enumerate(records):
+                counts = self.run.counts(record)
+                self._note_unusable(record, counts)
+                signal = self._corrected(counts, record, angle)
+                self.channels[angle] += signal
+                self.light[cycle] += float(signal.mean()) / self.grid.angles
+                for name, of in places.items():
+                    pixels[name][cycle, angle] = signal.ravel()[of]
+        self.channels /= self.grid.cycles
         return pixels
 
-    def cycle(self, cycle: int, places: Mapping[str, NDArray[np.intp]]) -> dict[str, FloatArray]:
-        """Return the signal of the frames of a cycle in each region, shape (N, P), by the places of its pixels."""
-        pixels = {name: np.empty((self.grid.angles, of.size)) for name, of in places.items()}
-        for angle in range(self.grid.angles):
-            signal = self.read(cycle, angle).ravel()
-            for name, of in places.items():
-                pixels[name][angle] = signal[of]
-        return pixels
+    def signals(self, cycle: int) -> Iterator[FloatArray]:
+        """Yield the frames of one cycle, each of shape (H, W) [grid.unit]."""
+        for angle, record in enumerate(self.grid.records[cycle]):
+            yield self._corrected(self.run.counts(record), record, angle)
 
-    def read(self, cycle: int, angle: int) -> FloatArray:
-        """Return the signal of a frame, shape (H, W), and add it to what is kept."""
-        record = self.grid.records[cycle][angle]
-        counts = self._run.counts(record)
-        self._note_unusable(record, counts)
+    def _corrected(self, counts: NDArray[np.uint16], record: FrameRecord, angle: int) -> FloatArray:
         signal = (counts - self.dark_level.level_dn[angle]) * self.grid.to_unit[angle]
-        signal = self.corrections.corrected(signal, record, angle)
-        self.sums[angle] += signal
-        self.light[cycle] += float(signal.mean()) / self.grid.angles
-        return np.asarray(signal)
+        return np.asarray(self.corrections.corrected(signal, record, angle))
 
     def _note_unusable(self, record: FrameRecord, counts: NDArray[np.uint16]) -> None:
         received = np.ones(counts.shape, dtype=np.bool_)

@@ -49,10 +49,7 @@ from rigctl.calibrations.noise import NoiseParameters
 from rigctl.errors import DataError
 from rigctl.files.regions import Region, inner_masks, masks
 from rigctl.measure.frames import (
-    NOTHING,
     CorrectedFrames,
-    Corrections,
-    DarkLevel,
     FlatDivision,
     FoundCorrections,
     FrameGrid,
@@ -103,44 +100,51 @@ class MeasuredRegion:
 class Measurement:
     """A run as it was measured."""
 
-    run: Run
-    grid: FrameGrid  #: frames by cycle and angle
+    frames: CorrectedFrames  #: after all were read
     plan: Design  #: measured polarizer angles and the inverse in use
     extinction_ratio: float  #: of the polarizer, as recorded; infinite (an ideal polarizer) without a record
-    dark_level: DarkLevel  #: subtracted from the counts, with its source
-    channels: FloatArray  #: mean of each angle over the cycles, dark level subtracted [grid.unit]
-    saturated: NDArray[np.bool_]  #: pixels that are saturated in any frame
-    missing: NDArray[np.bool_]  #: pixels that are missing in any frame
-    at_zero: NDArray[np.bool_]  #: pixels of 0 counts in any frame, the lower end of the camera's range
-    light: FloatArray  #: mean of all pixels of all angles, cycle by cycle, dark level subtracted [grid.unit]
     regions: dict[str, MeasuredRegion]
     unmeasured: dict[str, str] = field(default_factory=dict)  #: regions without numbers, with the reason
-    corrections: Corrections = NOTHING  #: applied to frames after the dark level
+
+    @property
+    def run(self) -> Run:
+        """The run."""
+        return self.frames.run
+
+    @property
+    def grid(self) -> FrameGrid:
+        """Its frames by cycle and angle."""
+        return self.frames.grid
+
+    @property
+    def channels(self) -> FloatArray:
+        """Mean of each angle over the cycles, dark level subtracted [grid.unit]."""
+        return self.frames.channels
 
     @cached_property
     def images(self) -> PolarizationImages:
         """Stokes parameters, DoLP and AoLP of every pixel."""
-        return polarization_images(self.plan, self.channels, unusable=self.saturated | self.missing)
+        return polarization_images(self.plan, self.channels, unusable=~self.frames.usable)
 
     @property
     def clipped_shares(self) -> tuple[float, float]:
         """Shares of pixels that are clipped in any frame, at the upper end of the range and at 0."""
-        return float(self.saturated.mean()), float(self.at_zero.mean())
+        return float(self.frames.saturated.mean()), float(self.frames.at_zero.mean())
 
     @property
     def shifts(self) -> FrameShifts | None:
         """Shifts of the frames that a registration undid; None without one."""
-        return self.corrections.shifts
+        return self.frames.corrections.shifts
 
     @property
     def flat(self) -> FlatDivision | None:
         """Flat fields that frames were divided by; None without one."""
-        return self.corrections.flat
+        return self.frames.corrections.flat
 
     @property
     def noise_factor(self) -> FloatArray:
         """Factor of means of several reads and of the corrections on the variance of noise, shape (N,)."""
-        return np.asarray(self.corrections.noise_factor(self.grid.angles) / self.grid.reads)
+        return np.asarray(self.frames.corrections.noise_factor(self.grid.angles) / self.grid.reads)
 
 
 def measure(
@@ -163,32 +167,13 @@ def measure(
     if unmeasured and not measured and not may_measure_none:
         raise DataError("; ".join(dict.fromkeys(unmeasured.values())))
     return Measurement(
-        run=run,
-        grid=grid,
-        plan=plan,
-        extinction_ratio=extinction_ratio,
-        dark_level=frames.dark_level,
-        channels=frames.sums / grid.cycles,
-        saturated=frames.saturated,
-        missing=frames.missing,
-        at_zero=frames.at_zero,
-        light=frames.light,
-        regions=measured,
-        unmeasured=unmeasured,
-        corrections=frames.corrections,
+        frames=frames, plan=plan, extinction_ratio=extinction_ratio, regions=measured, unmeasured=unmeasured
     )
 
 
 def signal_of_cycle(measurement: Measurement, cycle: int) -> FloatArray:
     """Return the frames of one cycle, dark level subtracted, shape (N, H, W) [grid.unit]."""
-    frames = CorrectedFrames(measurement.run, measurement.grid, measurement.dark_level, measurement.corrections)
-    return np.stack([frames.read(cycle, angle) for angle in range(measurement.grid.angles)])
-
-
-def frame_order(measurement: Measurement) -> NDArray[np.intp]:
-    """Return the place of each angle's frame in the first cycle, from 0."""
-    sequence = [record.sequence for record in measurement.grid.records[0]]
-    return np.argsort(np.argsort(sequence))
+    return np.stack([*measurement.frames.signals(cycle)])
 
 
 _LEAST_ANGLES = 3
@@ -224,18 +209,22 @@ def _repeats(inside: Masks, frames: CorrectedFrames, plan: Design) -> _Repeats:
     """
     held_bytes = sum(map(np.count_nonzero, inside.values())) * frames.grid.cycles * frames.grid.angles * _FLOAT_BYTES
     if held_bytes <= MOST_HELD_BYTES:
-        pixels = frames.pixels(inside)
+        pixels = frames.read(inside)
         return lambda name, own: pixels[name][:, :, own[inside[name]]]
-    frames.pixels({})
-    usable = ~(frames.saturated | frames.missing)
+    frames.read({})
+    usable = frames.usable
     inflation = mean_inflation(frames.interpolation)
     running = {
         name: RunningPixels(plan.inverse, inside=mask & usable, times=frames.grid.times, noise_inflation=inflation)
         for name, mask in inside.items()
     }
-    again, places = frames.anew(), {name: np.flatnonzero(mask & usable) for name, mask in inside.items()}
+    places = {name: np.flatnonzero(mask & usable) for name, mask in inside.items()}
     for cycle in range(frames.grid.cycles):
-        for name, found in again.cycle(cycle, places).items():
+        pixels = {name: np.empty((frames.grid.angles, of.size)) for name, of in places.items()}
+        for angle, signal in enumerate(frames.signals(cycle)):
+            for name, of in places.items():
+                pixels[name][angle] = signal.ravel()[of]
+        for name, found in pixels.items():
             running[name].add(found)
     return lambda name, _: running[name].result()
 
@@ -268,12 +257,12 @@ def _measured_region(
     plan: Design,
     found: FoundCorrections | None,
 ) -> MeasuredRegion:
-    usable, grid = ~(frames.saturated | frames.missing), frames.grid
+    usable, grid = frames.usable, frames.grid
     own = mask & usable
     excluded, edge = int(np.count_nonzero(mask & ~usable)), int(np.count_nonzero(outer & ~mask))
     require_pixels(name, int(np.count_nonzero(own)), excluded=excluded, edge=edge)
     given = repeats(name, own)
-    error: FloatArray | float = 0.0 if found is None else found.level_error(frames.sums / grid.cycles, own)
+    error: FloatArray | float = 0.0 if found is None else found.level_error(frames.channels, own)
     signal, at_ends, hits = None, (float(np.mean(frames.at_zero[own])), 0.0), None
     if isinstance(given, np.ndarray):
         whole = mask & ~frames.missing
@@ -323,7 +312,7 @@ _Cleaned = tuple[FloatArray, NDArray[np.bool_], FloatArray | None, FloatArray, t
 
 def _cleaned(name: str, pixels: FloatArray, inside: NDArray[np.bool_], frames: CorrectedFrames) -> _Cleaned:
     """Return pixels without those that were hit, and the signal behind them by the law of counts."""
-    hits = _hits(pixels, inside, is_mosaic=frames.is_mosaic)
+    hits = _hits(pixels, inside, is_mosaic=frames.run.session.cell_deg is not None)
     kept = inside.copy()
     if hits is not None:
         kept[inside] = ~hits.pixels
@@ -779,11 +768,11 @@ def temporal_variance(measurement: Measurement, region: MeasuredRegion, values: 
     )
     signal_dn = region.channels_mean.mean / grid.to_unit
     variance = temporal_variance_dn2(signal_dn, noise=noise, exposure_s=grid.exposures_s) / grid.reads
-    if np.any(variance < DITHERED_DN**2 + 1.0) and grid.is_whole and not measurement.corrections.is_any:
-        unrounded, level_dn = variance - ROUNDING_VAR_DN2, measurement.dark_level.level_dn + signal_dn
+    if np.any(variance < DITHERED_DN**2 + 1.0) and grid.is_whole and not measurement.frames.corrections.is_any:
+        unrounded, level_dn = variance - ROUNDING_VAR_DN2, measurement.frames.dark_level.level_dn + signal_dn
         even = rounded_moments(level_dn, unrounded)[1]
         # Texture dithers as noise does.
         spread = np.var(region.channel_pixels_mean, axis=1) / grid.to_unit**2 - even / grid.cycles
         variance = rounded_moments(level_dn, unrounded, np.maximum(spread, 0.0))[1]
-    factor = measurement.corrections.noise_factor(grid.angles)
+    factor = measurement.frames.corrections.noise_factor(grid.angles)
     return np.asarray((variance + grid.rounding_dn2) * grid.to_unit**2 * factor)

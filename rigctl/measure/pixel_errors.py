@@ -60,7 +60,7 @@ def pixel_errors(measurement: Measurement, noise: NoiseParameters | None) -> Pix
     """Return the errors of every pixel of a run."""
     grid, plan = measurement.grid, measurement.plan
     scatter = _scatter(measurement) if grid.cycles > 1 else None
-    good = ~(measurement.saturated | measurement.missing)
+    good = measurement.frames.usable
     if noise is not None and noise.read_noise_e is not None and grid.exposures_s is not None:
         variance, source = _by_calibration(measurement, noise), "the noise calibration"
     elif scatter is not None:
@@ -99,11 +99,11 @@ def _cov_of_stokes(inverse: FloatArray, variance: FloatArray) -> Float32Array:
 def _by_shared_errors(measurement: Measurement) -> Float32Array:
     """Return the standard errors of S0, S1, S2 by dark level and axis, one for all angles, and throughput of each."""
     grid, inverse = measurement.grid, measurement.plan.inverse
-    of_level = measurement.dark_level.std_error_dn * grid.to_unit
+    of_level = measurement.frames.dark_level.std_error_dn * grid.to_unit
     off = inverse @ of_level
     level = np.square(np.where(np.abs(off) < _ROUNDING * (np.abs(inverse) @ of_level), 0.0, off))
-    relative = np.square(inverse * measurement.corrections.relative_error(grid.angles))
-    found = np.broadcast_to(level[:, None, None], (3, *measurement.saturated.shape))
+    relative = np.square(inverse * measurement.frames.corrections.relative_error(grid.angles))
+    found = np.broadcast_to(level[:, None, None], (3, *measurement.frames.saturated.shape))
     if relative.any():
         found = found + np.tensordot(relative, np.square(measurement.channels), axes=1)
     if axis_deg := measurement.run.session.polarizer.offset_std_deg:
@@ -114,7 +114,7 @@ def _by_shared_errors(measurement: Measurement) -> Float32Array:
 
 def _by_calibration(measurement: Measurement, noise: NoiseParameters) -> FloatArray:
     """Return the variance of one frame of each angle at the signal of each pixel [grid.unit^2]."""
-    grid, corrections = measurement.grid, measurement.corrections
+    grid, corrections = measurement.grid, measurement.frames.corrections
     unit = grid.to_unit[:, None, None]
     # What the sensor saw, before frames were divided by flat fields and throughput.
     response = np.ones_like(measurement.channels)
@@ -134,7 +134,7 @@ def _by_calibration(measurement: Measurement, noise: NoiseParameters) -> FloatAr
 
 def _scatter(measurement: Measurement) -> FloatArray:
     """Return the variance of each pixel over the cycles, (N, H, W), without changes of all the light together."""
-    cycles, light = measurement.grid.cycles, measurement.light
+    cycles, light = measurement.grid.cycles, measurement.frames.light
     scale = light.mean() / light if np.all(light > 0.0) else np.ones(cycles)
     total, squares = np.zeros_like(measurement.channels), np.zeros_like(measurement.channels)
     for cycle in range(cycles):
@@ -184,7 +184,7 @@ def _along_signal(
 
 
 def _doubts(measurement: Measurement, scatter: FloatArray | None, variance: FloatArray) -> NDArray[np.uint8]:
-    shape = measurement.saturated.shape
+    shape = measurement.frames.saturated.shape
     found = np.zeros(shape, np.uint8)
     outside = np.zeros(shape, np.bool_) if measurement.shifts is None else measurement.shifts.beyond(shape)
     hit = np.zeros(shape, np.bool_)
@@ -194,9 +194,9 @@ def _doubts(measurement: Measurement, scatter: FloatArray | None, variance: Floa
         hit = np.any(scatter > limit * np.maximum(variance, 1e-12), axis=0)
         hit &= hit.mean() <= _MOST_HITS
     for bit, pixels in (
-        (Doubt.SATURATED, measurement.saturated),
-        (Doubt.AT_ZERO, measurement.at_zero),
-        (Doubt.MISSING, measurement.missing & ~outside),
+        (Doubt.SATURATED, measurement.frames.saturated),
+        (Doubt.AT_ZERO, measurement.frames.at_zero),
+        (Doubt.MISSING, measurement.frames.missing & ~outside),
         (Doubt.HIT, hit),
         (Doubt.OUTSIDE, outside),
     ):

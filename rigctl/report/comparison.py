@@ -967,9 +967,9 @@ def source_table(found: Comparison) -> Table[tuple[str, str]]:
         "extinction ratio of the polarizer": f"{measurement.extinction_ratio:g}",
         "cycles": str(grid.cycles),
         "exposure [ms]": exposures,
-        "dark level": measurement.dark_level.source,
-        "saturated pixels in the picture": str(int(measurement.saturated.sum())),
-        "missing pixels in the picture": str(int(measurement.missing.sum())),
+        "dark level": measurement.frames.dark_level.source,
+        "saturated pixels in the picture": str(int(measurement.frames.saturated.sum())),
+        "missing pixels in the picture": str(int(measurement.frames.missing.sum())),
         "first frame": first.start_utc or "not known",
     }
     return Table(columns=text_columns("what", "which", left=(0, 1), wide=1), rows=tuple(facts.items()))

@@ -136,7 +136,7 @@ def _facts(measurement: Measurement, errors: PixelErrors, calibrations: Mapping[
         "POLANGS": (", ".join(f"{angle:.4f}" for angle in np.degrees(grid.polarizer_angles_rad)), "[deg] polarizer"),
         "NCYCLES": (grid.cycles, "repeats of these angles"),
         "EXTRATIO": (measurement.extinction_ratio, "extinction ratio of the polarizer"),
-        "DARKSRC": measurement.dark_level.source,
+        "DARKSRC": measurement.frames.dark_level.source,
         "ERRSRC": (errors.source, "what ERR rests on"),
         "RUNID": run.path.absolute().name,
         "RUNHASH": sha256_of(run.path / MANIFEST_FILE),
@@ -276,7 +276,7 @@ def stokes_csv(
 ) -> None:
     """Write a row for each pixel of each region, or of the picture: region, x, y and the planes."""
     planes = planes_of(measurement, errors)
-    whole = {"": np.ones(measurement.saturated.shape, dtype=np.bool_)}
+    whole = {"": np.ones(measurement.frames.saturated.shape, dtype=np.bool_)}
     with out.open("w", encoding="ascii", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("region", "x", "y", *planes))

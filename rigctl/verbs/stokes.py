@@ -274,7 +274,7 @@ class StokesResult(Result):
         from rigctl.base.numbers import percent
 
         high, low = (percent(share) for share in self.measurement.clipped_shares)
-        missing = float(self.measurement.missing.mean())
+        missing = float(self.measurement.frames.missing.mean())
         return f"clipped in one frame or more: {high} of the pixels at the upper end, {low} at 0" + (
             f"; missing: {percent(missing)}" if missing else ""
         )

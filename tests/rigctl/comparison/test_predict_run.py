@@ -12,7 +12,7 @@ from rigctl.comparison.predict_run import differences, run_predictor, scene_of_r
 from rigctl.errors import DataError
 from rigctl.files.rig_file import PolarizerSection
 from rigctl.files.scene_file import load_scene
-from rigctl.measure.measure import frame_order, measure
+from rigctl.measure.measure import measure
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord, RigAsTaken, SessionRecord
 from rigctl.runs.writer import RunWriter
@@ -165,12 +165,12 @@ def test_the_uncertainty_of_the_rig_files_offset_is_an_input(tmp_path):
     (tmp_path / "scene.toml").write_text(scene_text())
     scene, draws = load_scene(tmp_path / "scene.toml"), np.random.default_rng(1)
     measurement = measure(take_run(tmp_path / "run", drawn_truth(draws), draws), regions=list(scene.regions))
-    assert frame_order(measurement).tolist() == [0, 2, 1, 3]
+    assert measurement.grid.frame_order.tolist() == [0, 2, 1, 3]
     session = measurement.run.session
     rig = replace(session.rig or RigAsTaken(), polarizer=replace(session.polarizer, offset_std_deg=0.3))
-    told = replace(measurement, run=replace(measurement.run, session=replace(session, rig=rig)))
+    measurement.frames.run = replace(measurement.run, session=replace(session, rig=rig))
     exact = scene.model_copy(update={"rig": type(scene.rig)()})
-    found = run_predictor(told, scene_of_file(exact)).inputs
+    found = run_predictor(measurement, scene_of_file(exact)).inputs
     place = found.names.index(OFFSET)
     assert found.cov[place, place] == pytest.approx(0.09)
     section = PolarizerSection.model_validate({"sense": 1, "offset_deg": {"value": 12.3, "std": 0.05}})

@@ -192,7 +192,7 @@ def test_dust_makes_no_polarization(divided: Measurement) -> None:
 
 
 def test_a_dead_pixel_is_missing(divided: Measurement) -> None:
-    assert np.argwhere(divided.missing).tolist() == [[50, 60]]
+    assert np.argwhere(divided.frames.missing).tolist() == [[50, 60]]
     assert divided.regions["a"].excluded == 1
 
 

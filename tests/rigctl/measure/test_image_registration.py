@@ -119,9 +119,9 @@ def test_the_margin_that_not_every_frame_shows_is_missing(moved: Measurement) ->
     assert moved.shifts is not None
     # The walk is 1.2 * sin(67.5 deg) at most.
     assert moved.shifts.margin_pixels == 2
-    assert moved.missing[:2].all()
-    assert moved.missing[:, -2:].all()
-    assert not moved.missing[2:-2, 2:-2].any()
+    assert moved.frames.missing[:2].all()
+    assert moved.frames.missing[:, -2:].all()
+    assert not moved.frames.missing[2:-2, 2:-2].any()
 
 
 def test_pixels_that_take_part_of_a_saturated_one_are_saturated(
@@ -133,8 +133,8 @@ def test_pixels_that_take_part_of_a_saturated_one_are_saturated(
         calibrations=RunCalibrations(noise=NOISE, registration=registration),
     )
     # One bad pixel is part of four when it is moved by parts of a pixel both ways.
-    assert found.saturated.sum() == 4
-    y, x = np.argwhere(found.saturated).mean(axis=0)
+    assert found.frames.saturated.sum() == 4
+    y, x = np.argwhere(found.frames.saturated).mean(axis=0)
     assert (x, y) == pytest.approx((60.0, 50.0) - shift(45.0), abs=0.51)
 
 

@@ -60,9 +60,9 @@ def test_dark_frames_of_the_same_exposure_are_taken_off(tmp_path):
     frames += [({"kind": "dark", "exposure_s": 0.1}, np.full(SIZE, 64 + k)) for k in (0, 2)]
     frames += [({"kind": "dark", "exposure_s": 9.0}, np.full(SIZE, 300))]
     found = measure(make_run(tmp_path / "run", frames), regions=[])
-    assert found.dark_level.level_dn == pytest.approx([65, 65, 65])
+    assert found.frames.dark_level.level_dn == pytest.approx([65, 65, 65])
     assert np.all(found.channels == 435)
-    assert "2 dark frames" in found.dark_level.source
+    assert "2 dark frames" in found.frames.dark_level.source
 
 
 def test_a_calibration_gives_the_dark_level_where_the_run_says_nothing(tmp_path):
@@ -75,7 +75,7 @@ def test_a_calibration_gives_the_dark_level_where_the_run_says_nothing(tmp_path)
         }
     )
     found = measure(make_run(tmp_path / "run", frames), regions=[], calibrations=RunCalibrations(noise=noise))
-    assert found.dark_level.level_dn == pytest.approx([65, 65, 65])
+    assert found.frames.dark_level.level_dn == pytest.approx([65, 65, 65])
 
 
 def test_saturated_and_missing_pixels_are_left_out_of_a_region_and_counted(tmp_path):
@@ -86,8 +86,8 @@ def test_saturated_and_missing_pixels_are_left_out_of_a_region_and_counted(tmp_p
     found = measure(make_run(tmp_path / "run", frames), regions=[REGION])
     assert found.regions["middle"].excluded == 2
     assert found.regions["middle"].pixels == 898
-    assert found.saturated.sum() == 1
-    assert found.missing.sum() == 2
+    assert found.frames.saturated.sum() == 1
+    assert found.frames.missing.sum() == 2
 
 
 OUTSIDE = Region(name="far", rectangle=Rectangle(x=45, y=5, width=30, height=30))
@@ -161,7 +161,7 @@ def test_real_corona_is_polarized_tangentially(tmp_path):
     # The occulter's centre in this picture, to some pixels; y runs down.
     dx, dy = x - 252.0, 262.0 - y
     radius, twice = np.hypot(dx, dy), 2 * np.arctan2(dy, dx)
-    corona = (polarized > 0.08 * s0) & (radius > 110) & (radius < 230) & ~found.saturated & ~found.missing
+    corona = (polarized > 0.08 * s0) & (radius > 110) & (radius < 230) & found.frames.usable
     tangential = -(s1 * np.cos(twice) + s2 * np.sin(twice)) / polarized
     # With the sign of the two angles, or the rows, the wrong way round it is a quarter of the pixels.
     assert np.mean(tangential[corona] > 0.9) > 0.99

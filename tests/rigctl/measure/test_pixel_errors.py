@@ -137,7 +137,8 @@ def test_the_mean_of_reads_has_the_noise_of_a_mean(tmp_path):
     measured = measure(session(tmp_path / "run", 1, cycles=1), regions=[])
     one = pixel_errors(measured, noise_calibration())
     records = tuple(tuple(replace(record, reads=9, real_counts=True) for record in c) for c in measured.grid.records)
-    nine = pixel_errors(replace(measured, grid=replace(measured.grid, records=records)), noise_calibration())
+    measured.frames.grid = replace(measured.grid, records=records)
+    nine = pixel_errors(measured, noise_calibration())
     np.testing.assert_allclose(one.cov, 9.0 * nine.cov, rtol=1e-5, atol=1e-9)
 
 
@@ -145,7 +146,7 @@ def test_what_all_pixels_share_stands_by_itself_and_is_that_of_the_regions(tmp_p
     """Dark frames whose mean is known to some tenths of a count: of S0, twice as much as of an angle."""
     made = session(tmp_path / "run", 1, cycles=2)
     measured = measure(made, regions=[])
-    measured = replace(measured, dark_level=replace(measured.dark_level, std_error_dn=0.25))
+    measured.frames.dark_level = replace(measured.frames.dark_level, std_error_dn=0.25)
     found = pixel_errors(measured, noise_calibration())
     np.testing.assert_allclose(found.calibration[0], 0.5, rtol=1e-6)
     np.testing.assert_allclose(found.calibration[1:], 0.0, atol=1e-6)
