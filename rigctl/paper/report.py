@@ -290,8 +290,8 @@ _NOTHING_STATED = "The text describes this figure without a claim that could be 
 _MEANING = (
     "Holds, opposite: by more than three numerical errors. Saturated at 1: every P_D compared is above 0.999. Needs "
     "unpublished data: the sentence compares with measured points that were not published. Noise floor: the exact DoLP "
-    "SNRs are below 2.1; unpolarised light has 1.913. Ambiguous: readings of the sentence differ. A statement may fail "
-    "here and hold with the authors' materials, whose optical properties were not published."
+    "SNRs are below 2.1; unpolarized light has 1.913. Ambiguous: some readings of the sentence hold and others do not. "
+    "A statement may fail here and hold with the authors' materials, whose optical properties were not published."
 )
 
 

@@ -461,7 +461,7 @@ class Judged:
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict of all readings; ambiguous where they differ."""
+        """The joint verdict: opposite if a reading is and no other can hold; ambiguous if readings differ otherwise."""
         return _joint(self.readings)
 
     @property
@@ -484,6 +484,8 @@ class Judged:
 
 def _joint(readings: Sequence[Reading]) -> Verdict:
     verdicts = {reading.verdict for reading in readings}
+    if "opposite" in verdicts and not verdicts & {"holds", "ambiguous"}:
+        return "opposite"
     return verdicts.pop() if len(verdicts) == 1 else "ambiguous"
 
 

@@ -1,4 +1,4 @@
-"""Measures a stage with its own encoder: readback error, backlash, settling time; and the file of these results."""
+"""Measures a stage with its own encoder (readback error, backlash, settling time), and stores the results."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -23,21 +23,21 @@ from rigctl.version import VERSION
 Side = Literal["forward", "backward"]
 SIDES: tuple[Side, ...] = ("forward", "backward")
 _RUN_UP_DEG = 10.0  # far more than any backlash
-_SETTLED_BEFORE = 0.5  # a stage whose readings still change in the second half of the watch was not seen to rest
+_SETTLED_BEFORE = 0.5  # a stage whose readings still change in the second half of the watch has not come to rest
 _BETWEEN_READINGS_S = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
 class Visit:
-    """One move to one angle, watched until it rests."""
+    """One move to one angle, with readings until the stage rests."""
 
-    angle_deg: float  #: Where it was sent.
-    side: Side  #: Whether it came from smaller or from larger angles.
-    error_deg: float  #: Readback at rest less the angle, in [-180, 180).
-    settle_s: float  #: From the end of the move to the last reading outside of the band about its rest.
-    tries: int  #: How often the move was commanded.
-    duration_s: float  #: Of the move itself.
-    #: Time since the end of the move [s], and reading less that at rest [deg].
+    angle_deg: float  #: The target.
+    side: Side  #: The move came from smaller or from larger angles.
+    error_deg: float  #: Readback at rest minus the target, in [-180, 180).
+    settle_s: float  #: From the end of the move to the last reading outside the band around the reading at rest.
+    tries: int  #: Number of times the move was commanded.
+    duration_s: float  #: Duration of the move.
+    #: Time since the end of the move [s], and reading minus that at rest [deg].
     watched: tuple[tuple[float, float], ...]
 
 
@@ -45,26 +45,26 @@ class Visit:
 class Characterisation:
     """Measured properties of a stage."""
 
-    identity: DeviceIdentity  #: Which stage.
+    identity: DeviceIdentity  #: The stage.
     band_deg: float  #: Readings within this band count as rest [deg]; time for which each visit was watched [s].
     watch_s: float
-    visits: tuple[Visit, ...]  #: In the order in which they were made.
+    visits: tuple[Visit, ...]  #: In the order of time.
 
     @property
     def largest_error_deg(self) -> float:
-        """The largest difference between readback and target, without its sign."""
+        """The largest absolute difference between readback and target."""
         return max(abs(visit.error_deg) for visit in self.visits)
 
     @property
     def repeatability_deg(self) -> float:
-        """Standard deviation of the error of visits to one angle from one side, pooled."""
+        """Pooled standard deviation of the errors of visits to one angle from one side."""
         groups = [self.errors_deg(angle, side) for angle in self.angles_deg for side in SIDES]
         freedom = sum(len(group) - 1 for group in groups)
         return float(np.sqrt(sum(group.var() * len(group) for group in groups) / freedom))
 
     @property
     def backlash_deg(self) -> float:
-        """Distance by which the stage ends further when it comes from larger angles, averaged over the angles."""
+        """Mean over the angles of readback after moves from larger angles minus that from smaller ones."""
         return float(np.mean([self.backlash_at_deg(angle) for angle in self.angles_deg]))
 
     @property
@@ -75,26 +75,26 @@ class Characterisation:
 
     @property
     def settle_s(self) -> float:
-        """The longest time that a visit took to come to rest."""
+        """The longest settling time of a visit."""
         return max(visit.settle_s for visit in self.visits)
 
     @property
     def is_settled(self) -> bool:
-        """True where every visit was seen to rest in the first half of its watch."""
+        """True if every visit came to rest in the first half of its watch."""
         return self.settle_s <= _SETTLED_BEFORE * self.watch_s
 
     @property
     def angles_deg(self) -> tuple[float, ...]:
-        """The angles, in the order of their first visits."""
+        """The angles in the order of their first visits."""
         return tuple(dict.fromkeys(visit.angle_deg for visit in self.visits))
 
     def errors_deg(self, angle_deg: float, side: Side) -> NDArray[np.float64]:
-        """Return the errors of the visits to one angle from one side."""
+        """Return the errors of visits to one angle from one side."""
         chosen = [v.error_deg for v in self.visits if v.angle_deg == angle_deg and v.side == side]
         return np.array(chosen)
 
     def backlash_at_deg(self, angle_deg: float) -> float:
-        """Return the backlash at one angle: readback after a move from larger angles less that from smaller ones."""
+        """Return the backlash at one angle."""
         backward, forward = (self.errors_deg(angle_deg, side).mean() for side in ("backward", "forward"))
         return float(backward - forward)
 
@@ -112,7 +112,7 @@ def characterise(
 ) -> Characterisation:
     """Measure a stage by its own readings: home it, then visit each angle from both sides.
 
-    Play between the encoder and what it turns does not show in readings; a camera sees it.
+    Play between the encoder and the polarizer does not show in readings; a camera sees it.
     """
     if repeats < 2:
         raise ValueError(f"repeats = {repeats}: must be 2 or more")
@@ -127,7 +127,7 @@ def characterise(
 
 
 def characterisation_file(result: Characterisation) -> dict[str, Json]:
-    """Return the content of the file that keeps a measurement."""
+    """Return the content of the file of a characterisation."""
     return {
         "schema_version": 1,
         "kind": "stage characterisation",
@@ -146,7 +146,7 @@ def characterisation_file(result: Characterisation) -> dict[str, Json]:
 
 
 def load_settle_s(path: Path, *, identity: DeviceIdentity) -> float:
-    """Return the time that a stage needs to come to rest [s], as it was measured."""
+    """Return the measured settling time of a stage [s]."""
     found: object = None
     try:
         found = from_json(read_bounded(path, MOST_TEXT_BYTES))
@@ -198,7 +198,7 @@ def _visit(
 def _watch(
     stage: RotationStage, *, watch_s: float, now_s: Callable[[], float], sleep: Callable[[float], None]
 ) -> list[tuple[float, float]]:
-    """Return readings [deg] and when they were made, since the first [s]."""
+    """Return readings [deg] and their times since the first [s]."""
     start_s = now_s()
     readings: list[tuple[float, float]] = []
     while not readings or readings[-1][0] < watch_s:
@@ -209,7 +209,7 @@ def _watch(
 
 
 class _Content(BaseModel):
-    # Further keys are notes of people.
+    # People may add keys as notes.
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
 
     schema_version: Literal[1]

@@ -1,4 +1,4 @@
-"""Check-up of this machine (network buffers, disk, clock) and of a rig's devices (speed, losses)."""
+"""Check of this machine (network buffers, disk, clock) and of a rig's devices (speed, losses)."""
 
 import ctypes
 import os
@@ -25,33 +25,33 @@ from rigctl.rig.rig import SIMULATED, cell_problem, find_driver, open_rig
 from rigctl.rig.simulated_parts import ON_NETWORK, THIS_MACHINE
 from rigctl.runs.records import START_SOURCES, start_error_text
 
-_MOST_SETTING_BYTES = 4096  # the kernel makes room for as much as is asked for
+_MOST_SETTING_BYTES = 4096  # the kernel allows as much as is requested
 _RMEM_MAX = Path("/proc/sys/net/core/rmem_max")
 _WRITES = 20
 _UNSYNCHRONISED = 0x40  # STA_UNSYNC
 _MAX_ERROR_PLACE, _STATUS_PLACE, _TIMEX_BYTES = 24, 40, 208  # in struct timex of 64-bit Linux
 _EXPOSURE_S = 0.01
-# For a look at the cell of a mosaic: share of saturated pixels that does no harm, and where to end.
+# For the check of a mosaic: harmless share of saturated pixels, and the shortest exposure.
 _SATURATED, _SHORTEST_S = 0.1, 1e-5
 _READINGS = 20
 _SLOW_ANSWER_S = 0.05
 _SERIAL_DEVICES = Path("/sys/bus/usb-serial/devices")
 _ETHERNET_MTU, _JUMBO_MTU = 1500, 9000
-_USUAL_LOSS = 1e-4  # of packets; a cable and a switch that are well lose none
+_USUAL_LOSS = 1e-4  # of packets; a good cable and switch lose none
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One line of a check-up."""
+    """One line of the check."""
 
-    what: str  #: The checked item.
+    what: str  #: What was checked.
     found: str  #: The result with its unit.
     advice: str | None = None  #: A necessary change; None if all is well.
     hint: str | None = None  #: A possible improvement.
 
 
 def receive_buffer(*, frame_bytes: int, largest_bytes: int | None = None) -> Finding:
-    """Return whether the system lets a socket hold two pictures."""
+    """Check that a socket may hold two pictures."""
     allowed = int(read_bounded(_RMEM_MAX, _MOST_SETTING_BYTES)) if largest_bytes is None else largest_bytes
     wanted = 2 * frame_bytes
     advice = None
@@ -61,7 +61,7 @@ def receive_buffer(*, frame_bytes: int, largest_bytes: int | None = None) -> Fin
 
 
 def disk(folder: Path, *, frame_bytes: int, period_s: float) -> Finding:
-    """Return whether a folder takes a durable file of this size as often as the session makes one."""
+    """Check that a folder's disk is fast enough for a session."""
     content = os.urandom(frame_bytes)
     try:
         with tempfile.TemporaryDirectory(dir=folder, prefix=".rigctl-doctor-") as scratch:
@@ -84,17 +84,17 @@ def disk(folder: Path, *, frame_bytes: int, period_s: float) -> Finding:
 
 
 def room(folder: Path, *, total_bytes: int, free_bytes: int | None = None) -> Finding:
-    """Return whether all frames of a session fit a folder's disk."""
+    """Check that all frames of a session fit on a folder's disk."""
     free = shutil.disk_usage(folder).free if free_bytes is None else free_bytes
     advice = None
     if free < total_bytes:
-        advice = "it ends before the session does: make room, name another folder, or take fewer cycles"
-    found = f"{free / 1e9:.3g} GB are free, the session takes {total_bytes / 1e9:.3g} GB"
+        advice = "the disk is full before the session ends: free space, choose another folder, or take fewer cycles"
+    found = f"{free / 1e9:.3g} GB are free, the session needs {total_bytes / 1e9:.3g} GB"
     return Finding(what=f"room in {folder}", found=found, advice=advice)
 
 
 def clock() -> Finding:
-    """Return whether the system's clock follows a time server, and how far off it may be."""
+    """Check that the system's clock follows a time server."""
     error_s = utc_error_s()
     if error_s is None:
         return Finding(
@@ -123,7 +123,7 @@ class RigCheckup:
         self.camera_s: float | None = None
 
     def findings(self) -> Iterator[Finding]:
-        """Yield the findings, line by line."""
+        """Yield the findings."""
         yield from self._ways()
         with open_rig(self._rig, session_name="doctor") as rig:
             if rig.stage is not None and rig.stage_identity is not None:
@@ -154,7 +154,7 @@ class RigCheckup:
 
 
 def cell_finding(camera: Camera, rig: RigFile, *, timeout_s: float) -> Finding:
-    """Return the cell of a camera with polarizers on its pixels, and whether the light contradicts it."""
+    """Check the stated cell of a camera with polarizers on its pixels against the light."""
     stated = tuple(rig.camera.mosaic_deg or ())
     frame = _unsaturated(camera, gain_db=rig.camera.gain_db, timeout_s=timeout_s)
     text = ", ".join(f"{angle:g}" for angle in stated)
@@ -165,7 +165,7 @@ def cell_finding(camera: Camera, rig: RigFile, *, timeout_s: float) -> Finding:
 
 
 def stage_latency(stage: RotationStage) -> Finding:
-    """Return the time that the stage takes to answer its position."""
+    """Measure the time that the stage takes to report its position."""
     times_s = [_timed(stage.position) for _ in range(_READINGS)]
     typical_s, longest_s = statistics.median(times_s), max(times_s)
     advice = None
@@ -176,7 +176,7 @@ def stage_latency(stage: RotationStage) -> Finding:
 
 
 def adapter_wait(port: str, *, devices: Path = _SERIAL_DEVICES) -> Finding | None:
-    """Return the time that a USB adapter waits before it passes bytes on; None if the system does not know it."""
+    """Return the time that a USB adapter waits before it passes on bytes; None if the system does not know it."""
     file = devices / Path(port).resolve().name / "latency_timer"
     try:
         wait_ms = int(read_bounded(file, _MOST_SETTING_BYTES))
@@ -189,7 +189,7 @@ def adapter_wait(port: str, *, devices: Path = _SERIAL_DEVICES) -> Finding | Non
 
 
 def timed_frames(camera: Camera, *, frames: int, timeout_s: float) -> tuple[list[float], Frame]:
-    """Take so many pictures; return how long each took, exposure included [s], and the last one."""
+    """Take a number of pictures; return the time of each, exposure included [s], and the last picture."""
     times_s = []
     for _ in range(frames):
         start_s = time.perf_counter()
@@ -199,12 +199,12 @@ def timed_frames(camera: Camera, *, frames: int, timeout_s: float) -> tuple[list
 
 
 def camera_frames(camera: Camera, times_s: Sequence[float], last: Frame) -> Iterator[Finding]:
-    """Yield the speed of the pictures, their time stamps, and their losses if the camera counts them."""
+    """Yield findings on speed, time stamps and, if the camera counts them, losses of pictures."""
     found = (
         f"{len(times_s)} frames, {statistics.median(times_s) * 1e3:.0f} ms each, longest {max(times_s) * 1e3:.0f} ms"
     )
     yield Finding(what="camera", found=found)
-    yield from _time_stamps(last)  # by then the camera's clock is known, where it has one that can be read
+    yield from _time_stamps(last)  # by now the camera's clock is known, if it has a readable one
     if not isinstance(camera, ReportingCamera):
         return
     facts, tally = camera.facts(), camera.tally()
@@ -229,7 +229,7 @@ def camera_frames(camera: Camera, times_s: Sequence[float], last: Frame) -> Iter
 
 
 def interface_mtu(address: str) -> Finding:
-    """Return the largest packet size on the way to a camera."""
+    """Check the largest packet size on the way to a camera."""
     mtu = path_mtu(address)
     advice = hint = None
     if mtu < _ETHERNET_MTU:
@@ -251,7 +251,7 @@ def _durable_write_s(path: Path, content: bytes) -> float:
 
 
 def _unsaturated(camera: Camera, *, gain_db: float, timeout_s: float) -> Frame:
-    """Return a picture, exposed shorter until little of it is saturated, as far as the camera allows."""
+    """Return a picture with few saturated pixels, shortening the exposure as far as the camera allows."""
     frame, exposure_s = camera.take_frame(timeout_s=timeout_s), _EXPOSURE_S
     while np.mean(frame.counts >= 2**frame.settings.bit_depth - 1) > _SATURATED and exposure_s > _SHORTEST_S:
         exposure_s /= 4.0
@@ -264,7 +264,7 @@ def _unsaturated(camera: Camera, *, gain_db: float, timeout_s: float) -> Frame:
 
 
 def _time_stamps(frame: Frame) -> Iterator[Finding]:
-    """Give how well the start of an exposure is known, where the camera tells."""
+    """Yield the accuracy of the start of an exposure, if the camera states it."""
     source = frame.start_source
     if source is not None:
         text = f"{START_SOURCES.get(source, source)}, {start_error_text(frame.start_uncertainty_s)}"
@@ -279,7 +279,7 @@ def _timed(ask: Callable[[], object]) -> float:
 
 
 def _network_address(address: str) -> str | None:
-    """Return where a camera is on the network, before it is opened; None where its driver's module does not tell."""
+    """Return the network address of a camera that is not open yet; None if its driver does not tell."""
     scheme, _, place = address.partition(":")
     if address.startswith(SIMULATED):
         return THIS_MACHINE if address.partition("?")[0] == ON_NETWORK else None

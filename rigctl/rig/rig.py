@@ -1,4 +1,4 @@
-"""Opens the devices of a rig file, and writes down what they say where that is asked for.
+"""Opens the devices of a rig file, and traces their communication on request.
 
 Drivers are found by their entry points; simulated devices by addresses that begin with ``sim:``.
 """
@@ -55,11 +55,11 @@ REQUESTS: dict[FrameKind, str] = {
 # Arguments of drivers that no rig file states.
 _OF_TESTS = ("now_s", "sleep")
 _PLACES = ("upper left", "upper right", "lower left", "lower right")
-# A cell that is calibrated differs by some degrees from the one that was meant, another one by 45.
+# A calibrated cell differs from the nominal one by some degrees, a wrong one by 45.
 _CELL_TOLERANCE_DEG = 22.5
 _CAMERAS = "rigctl.cameras"
 _TRACE_SCHEMA = 1
-# What is printed on a device, and the driver for it.
+# Names that are printed on devices, and their drivers.
 _DRIVERS_OF_MODELS = (
     (("ell", "elliptec"), "ellx"),
     (("kdc", "k10cr", "prm", "thorlabs", "kinesis", "tdc"), "apt"),
@@ -70,43 +70,43 @@ _DRIVERS_OF_MODELS = (
 
 
 def _do_nothing(_sequence: int) -> bool:
-    """Return that no numbers jump: a real camera's noise is its own."""
+    """Return False: numbers of real frames do not jump."""
     return False
 
 
 def _ask_nobody(_kind: FrameKind) -> None:
-    """Return: no person is needed."""
+    """Return at once: no person is needed."""
 
 
 def _write_nothing(_text: str) -> None:
-    """Return: no trace is wanted."""
+    """Write nothing: no trace was requested."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rig:
     """The open devices of a rig."""
 
-    stage: RotationStage | None  #: The devices; no stage where the camera has polarizers on its pixels.
+    stage: RotationStage | None  #: None for a camera with polarizers on its pixels.
     camera: Camera
     stage_identity: DeviceIdentity | None  #: Model and serial number.
     camera_identity: DeviceIdentity
-    #: Puts scene, dark or flat before the camera where the world is simulated; else does nothing.
+    #: Places scene, dark or flat before a simulated camera; does nothing on a real rig.
     present: Callable[[FrameKind], None]
-    #: Asks the operator of a real rig to do that, at the terminal; where the world is simulated, nobody.
+    #: Asks the operator of a real rig at the terminal to do so; does nothing on a simulated rig.
     ask: Callable[[FrameKind], None] = _ask_nobody
-    origin: Literal["simulated", "device"]  #: Where the frames come from.
-    #: Called with the sequence number of each step before its first frame; returns True if the numbers of the camera's
-    #: frames jump there. Only a simulated camera needs it, for its noise.
+    origin: Literal["simulated", "device"]  #: Origin of the frames.
+    #: Called with the sequence number of each step before its first frame. Returns True if the camera's frame numbers
+    #: jump, which only simulated cameras do, for their noise.
     begin_step: Callable[[int], bool] = _do_nothing
-    light: SimulatedLight | None = None  #: What lights a simulated roof.
-    trace: Callable[[str], None] = _write_nothing  #: Takes what the camera was set to and gave, for a trace.
+    light: SimulatedLight | None = None  #: Light of a simulated roof.
+    trace: Callable[[str], None] = _write_nothing  #: Writes a line of the trace.
 
 
 @contextmanager
 def open_rig(
     rig: RigFile, *, session_name: str, run: Path | None = None, clock: SimulatedClock | None = None
 ) -> Iterator[Rig]:
-    """Give the open devices of a rig until the context is left; then they are closed."""
+    """Open the devices of a rig; they are closed when the context is left."""
     if not rig.is_simulated:
         with _open_devices(rig, None) as opened:
             yield opened
@@ -119,7 +119,7 @@ def open_rig(
 
 
 def require_drivers(rig: RigFile) -> None:
-    """Raise ConfigError where a driver is not installed or a simulated camera is none; no device is touched."""
+    """Raise ConfigError if a driver is not installed or a simulated camera is unknown. No device is opened."""
     if rig.stage is not None:
         find_driver("rigctl.stages", rig.stage.driver, key="stage.driver")
     for monitor in rig.monitors:
@@ -131,7 +131,7 @@ def require_drivers(rig: RigFile) -> None:
 
 @contextmanager
 def open_stage(section: StageSection, *, warn: Callable[[str], None]) -> Iterator[RotationStage]:
-    """Give the open stage of a rig file, a simulated one with nothing around it, until the context is left."""
+    """Open the stage of a rig file without the rest of the rig; it is closed when the context is left."""
     if not section.port.startswith(SIMULATED):
         with _connect_stage(section, resolve_port(section.port, warn=warn)) as stage:
             yield stage
@@ -160,7 +160,7 @@ def find_driver(group: str, name: str, *, key: str) -> EntryPoint:
 
 
 def require_cell(rig: RigFile, camera: Camera) -> None:
-    """Refuse a mosaic that differs from that of the rig file, if the camera states it."""
+    """Raise ConfigError if the camera states a mosaic other than that of the rig file."""
     own = camera.facts().mosaic_deg if isinstance(camera, CameraWithFacts) else None
     stated = rig.camera.mosaic_deg
     if own is None:
@@ -177,7 +177,7 @@ def require_cell(rig: RigFile, camera: Camera) -> None:
 
 
 def cell_problem(counts: NDArray[np.uint16], mosaic_deg: Sequence[float], *, bit_depth: int) -> str | None:
-    """Return a message if the light contradicts a cell; None if it agrees or cannot decide."""
+    """Return a message if the light contradicts a cell; None if it agrees or is not sufficient to decide."""
     found = pair_by_light(counts, tuple(mosaic_deg), saturation_dn=float(2**bit_depth - 1))
     if found is None:
         return None
@@ -234,10 +234,10 @@ def _camera(rig: RigFile, simulation: Simulation | None) -> Camera:
 
 
 def _ask_operator(kind: FrameKind) -> None:
-    """Return once the person at the terminal says that it is done."""
+    """Ask the person at the terminal to place an object before the camera; return once it is there."""
     if not sys.stdin.isatty():
         if kind == "scene":
-            return  # what a camera sees when nobody has put anything before it
+            return  # a scene needs nothing before the lens
         raise ConfigError(
             f"a take of kind {kind!r} needs somebody at the rig, and there is no terminal to ask at: "
             "run it by hand, or keep to takes of one kind"
@@ -249,7 +249,7 @@ def _ask_operator(kind: FrameKind) -> None:
 
 @contextmanager
 def _connect_stage(section: StageSection, port: str) -> Iterator[RotationStage]:
-    """Give the stage that answers on a port, once it is known to be the one that the rig file names."""
+    """Open the stage on a port and check that it is the one of the rig file."""
     factory = find_driver("rigctl.stages", section.driver, key="stage.driver").load()
     given: dict[str, Any] = {"tolerance_deg": section.tolerance_deg, **section.options}
     if section.address is not None:
@@ -265,7 +265,7 @@ def _connect_stage(section: StageSection, port: str) -> Iterator[RotationStage]:
 
 
 def _require_serial(what: str, configured: str | None, found: DeviceIdentity) -> None:
-    """Raise NotConnectedError unless a device has the serial number that the rig file asks for, if it asks."""
+    """Raise NotConnectedError if a device does not have the serial number that the rig file states."""
     if configured is not None and configured != found.serial_number:
         raise NotConnectedError(
             f"the {what} is {found.model} with serial number {found.serial_number}, and the rig file asks for "
@@ -276,7 +276,7 @@ def _require_serial(what: str, configured: str | None, found: DeviceIdentity) ->
 def _opened_stage(
     factory: Callable[..., RotationStage], driver: str, port: str, given: dict[str, Any]
 ) -> RotationStage:
-    """Return the stage that a driver opens; where something else answers, say how to find out what."""
+    """Return the stage that a driver opens; if another device answers, the error says how to identify it."""
     try:
         return factory(port, **given)
     except (ProtocolError, DeviceTimeoutError) as error:
@@ -302,7 +302,7 @@ def _is_place(name: str) -> bool:
 
 
 def _driver_meant(name: str, installed: Collection[str]) -> str:
-    """Return a suggestion of the driver that a wrong name stands for."""
+    """Return a suggestion for a wrong name of a driver."""
     word = name.strip().lower()
     by_model = next((driver for models, driver in _DRIVERS_OF_MODELS if word.startswith(models)), None)
     known = by_model is not None and by_model in installed
@@ -311,9 +311,9 @@ def _driver_meant(name: str, installed: Collection[str]) -> str:
 
 
 class Trace:
-    """Devices of a session as plain text: each byte of serial lines, and what the camera was set to and gave.
+    """Communication with the devices as plain text: each byte of serial lines, and settings and frames of the camera.
 
-    One event a line: seconds since the trace began, who spoke, and what::
+    Each line is an event with the seconds since the trace began::
 
         0.001204 /dev/ttyUSB0 > 30 69 6e                     sent, in hexadecimal
         0.014117 /dev/ttyUSB0 < 30 49 4e 30 45               received
@@ -332,7 +332,7 @@ class Trace:
         self.line(f"trace of rigctl {VERSION}, schema {_TRACE_SCHEMA}")
 
     def line(self, text: str) -> None:
-        """Write one event with its time."""
+        """Write an event with its time."""
         with self._lock:
             if self._file is None:
                 return
@@ -343,12 +343,12 @@ class Trace:
                 warn(f"--trace: nothing more is written: {error.strerror}")
 
     def hear(self, data: bytes, *, port: str, from_host: bool) -> None:
-        """Take in bytes on a serial line; none from the device: its port has gone away."""
+        """Write bytes of a serial line; no bytes from the device mean that its port is gone."""
         self.line(f"{port} {'>' if from_host else '<'} {data.hex(' ')}" if data or from_host else f"{port} gone")
 
     @contextmanager
     def of(self, opened: AbstractContextManager[Rig]) -> Iterator[Rig]:
-        """Give the rig that a context opens, with its devices traced."""
+        """Open a rig with its devices traced."""
         with heard_by(self.hear), opened as rig:
             for what, identity in (("stage", rig.stage_identity), ("camera", rig.camera_identity)):
                 if identity is not None:
@@ -360,7 +360,7 @@ class Trace:
 
 @contextmanager
 def trace_into(path: Path | None) -> Iterator[Trace | None]:
-    """Give a trace that is written line by line into a new file; None without a path."""
+    """Open a trace that is written line by line into a new file; None without a path."""
     if path is None:
         yield None
         return
@@ -373,14 +373,14 @@ def trace_into(path: Path | None) -> Iterator[Trace | None]:
 
 
 def fields_text(record: Any) -> str:
-    """Return the fields of a record as ``name=value``, in one line."""
+    """Return the fields of a record as ``name=value`` in one line."""
     return " ".join(
         f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}" for name, value in asdict(record).items()
     )
 
 
 class _SettlingStage:
-    """Another stage, with a pause and a fresh readback after each move."""
+    """A stage with a pause and a fresh readback after each move."""
 
     def __init__(self, stage: RotationStage, *, settle_s: float, sleep: Callable[[float], None] = time.sleep) -> None:
         self._stage = stage

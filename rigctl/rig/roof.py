@@ -1,4 +1,4 @@
-"""A simulated roof: light of its regions, by the model for the sun of each moment, changed on purpose if asked."""
+"""A simulated roof: the light of its regions by the model, under the sun of each moment. It can be perturbed."""
 
 import math
 from collections.abc import Callable
@@ -23,15 +23,15 @@ from rigctl.scene.scene import Scene, get, parameters, scene_of_file, with_value
 from rigctl.scene.sun import sun_position
 from sim_devices.world import RegionLight
 
-# Sizes, each far above what the demo resolves and of the size that goes unnoticed on a roof.
+# Each is far above what the demo resolves, but would go unnoticed on a roof.
 GAIN_FACTOR = 1.05
 OFFSET_DEG = 2.0
 EXTINCTION_RATIO = 25.0
-# Sizes, such as go unnoticed on a roof.
+# These would go unnoticed on a roof.
 VISIBILITY_FACTOR = 0.7
 DHR_FACTOR = 1.2
 TILT_DEG = 3.0
-# A thin cloud that draws in and is gone.
+# A thin cloud that comes and goes.
 CLOUD_SHARE, CLOUD_S = 0.2, 45.0
 
 _POLARIZER: dict[str, Callable[[SimulatedPolarizer], dict[str, float]]] = {
@@ -42,7 +42,7 @@ _POLARIZER: dict[str, Callable[[SimulatedPolarizer], dict[str, float]]] = {
 
 
 def perturbed(rig: RigFile, what: Perturbation) -> RigFile:
-    """Return the rig with one thing of its simulated truth changed; what the rig file states stays as it is."""
+    """Return the rig with one simulated property changed; what the rig file tells the program stays the same."""
     if rig.simulation is None:
         raise ConfigError("only a simulated rig can be perturbed")
     if what not in PERTURBATIONS:
@@ -58,7 +58,7 @@ def perturbed(rig: RigFile, what: Perturbation) -> RigFile:
 
 
 def changed_roof(scene: Scene, what: RoofChange) -> tuple[Scene, str]:
-    """Return a scene with one thing changed, and how, in words; "drift" leaves the scene, `cloud_factor` dims it."""
+    """Return a scene with one property changed, and a text about it; "drift" is done by `cloud_factor` instead."""
     changes: dict[RoofChange, Callable[[Scene], tuple[Scene, str]]] = {
         "visibility": _visibility,
         "aerosol": _aerosol,
@@ -70,7 +70,7 @@ def changed_roof(scene: Scene, what: RoofChange) -> tuple[Scene, str]:
 
 
 def cloud_factor(elapsed_ns: int) -> float:
-    """Return by what the light is multiplied under "drift", at a time since the clock's begin [ns]."""
+    """Return the factor on the light under "drift" at a time since the beginning [ns]."""
     share = (elapsed_ns / NS_PER_S % CLOUD_S) / CLOUD_S
     return 1.0 - CLOUD_SHARE * share
 
@@ -108,13 +108,13 @@ def _changed(scene: Scene, name: str, key: str, change: Callable[[float], float]
 
 FloatArray = NDArray[np.float64]
 
-# Light is computed each minute and interpolated linearly: at 43 deg from the zenith that is off by less than 1e-5.
+# Light is computed each minute and interpolated linearly: at 43 deg from the zenith the error is below 1e-5.
 _NODE_NS = 60 * NS_PER_S
 _NODES_KEPT = 64
-# The model's atmosphere is flat, and no sun below that has light [deg].
+# The model's atmosphere is flat; below this sun there is no light [deg].
 LOWEST_SUN_DEG = 85.0
-# The sun moves by as much within a day [deg], and a place is another beyond some kilometres.
-_WORTH_A_WORD_DEG = 0.05
+# Differences of place above this are reported [deg].
+_NOTABLE_DEG = 0.05
 
 
 class LitRoof:
@@ -145,17 +145,17 @@ class LitRoof:
         return _times(_between(self._node(number), self._node(number + 1), rest_ns / _NODE_NS), factor)
 
     def dimmed(self, utc_ns: int) -> float:
-        """Return by what all light is multiplied at a time [ns since 1970 UTC]: 1 but for a drift."""
+        """Return the factor on all light at a time [ns since 1970 UTC]: 1 unless there is a drift."""
         if self._begin_ns is None:
             self._begin_ns = utc_ns
         return cloud_factor(utc_ns - self._begin_ns) if self._change == "drift" else 1.0
 
     def is_day(self, utc_ns: int) -> bool:
-        """Return True where the sun stands high enough for the model, or is that of the scene file."""
+        """Return True if the sun is high enough for the model, or is that of the scene file."""
         return self._clock_ns is None or self._zenith_deg(utc_ns) < LOWEST_SUN_DEG
 
     def require_day(self, utc_ns: int) -> None:
-        """Raise ConfigError where the sun is too low for the model at a time since 1970 (UTC) [ns]."""
+        """Raise ConfigError if the sun is too low for the model at a time since 1970 (UTC) [ns]."""
         if not self.is_day(utc_ns):
             raise ConfigError(
                 f"the simulated roof has no light at {utc_text(utc_ns)[:16]}Z: the sun stands "
@@ -163,7 +163,7 @@ class LitRoof:
             )
 
     def sun_text(self, utc_ns: int) -> str:
-        """Return in one line under which sun the roof is seen, when, and whence."""
+        """Return a line with the sun, its time, and their source."""
         if self._clock_ns is None:
             return f"{sun_text(self._scene(None))}; by the scene file"
         scene = self._scene(utc_ns)
@@ -226,7 +226,7 @@ def _of_place(file: SceneFile, site: SiteSection | None) -> tuple[str, ...]:
         return ()
     north = site.latitude_deg - stated.latitude_deg
     east = float(wrapped(site.longitude_deg - stated.longitude_deg, turn=360.0))
-    if math.hypot(north, east) < _WORTH_A_WORD_DEG:
+    if math.hypot(north, east) < _NOTABLE_DEG:
         return ()
     rigs, files = (f"{place.latitude_deg:g}, {place.longitude_deg:g}" for place in (site, stated))
     return (f"place: the rig stands at {rigs}, the scene file says {files}; the rig's is taken",)

@@ -56,7 +56,7 @@ def acquire(
     progress: Progress,
     context: SessionContext,
 ) -> bool:
-    """Take the frames of a session, one after the other; return whether it went to its end.
+    """Take the frames of a session one after the other; return whether it was completed.
 
     False means that a stop was requested. All frames that were taken are on the disk when this returns
     or raises, unless the disk failed.
@@ -84,7 +84,7 @@ def acquire(
 
 
 class WriterThread:
-    """Hands frames in order to a store in another thread; as a context manager, leaving it waits for all of them."""
+    """Stores frames in order in a thread of its own. Leaving the context waits until all are stored."""
 
     def __init__(
         self, store: Store, *, disk: DiskCalls | None = None, last_sign_s: Callable[[], float] = lambda: 0.0
@@ -102,7 +102,7 @@ class WriterThread:
 
     def __enter__(self) -> "WriterThread":
         self._thread.start()
-        # A hanging disk may block the session itself at its next look into the run's folder: this thread reports it.
+        # A hanging disk may block the session itself at its next access to the run's folder; this thread reports it.
         threading.Thread(target=self._watch, name="disk watch", daemon=True).start()
         return self
 
@@ -124,7 +124,7 @@ class WriterThread:
 
     @property
     def is_stalled(self) -> bool:
-        """True where the disk has hung for so long that nothing more is written."""
+        """True if the disk has hung for so long that nothing more is written."""
         busy_s = self._busy_since_s
         if busy_s is not None and self._disk.is_hung:
             return True
@@ -132,7 +132,7 @@ class WriterThread:
 
     @property
     def is_full(self) -> bool:
-        """True where the next frame has to wait for the disk."""
+        """True if the next frame has to wait for the disk."""
         return self._queue.full()
 
     @property
@@ -141,7 +141,7 @@ class WriterThread:
         return self._queue.qsize()
 
     def put(self, *frames: tuple[FrameRecord, NDArray[np.uint16]]) -> None:
-        """Return once there is room for the frames of an exposure; they are durable later, all or none."""
+        """Queue the frames of an exposure, waiting for room if necessary. Later all or none of them become durable."""
         self._raise_failure()
         self._put(frames)
 
@@ -202,7 +202,7 @@ class WriterThread:
             job = self._queue.get()
             self._busy_since_s = time.monotonic()
             try:
-                # After a failure the rest is taken off the queue, so that nobody waits for ever.
+                # After a failure the queue is emptied, so that no caller waits for ever.
                 if job is not None and self._error is None:
                     self._store(job)
                 else:
@@ -218,7 +218,7 @@ class WriterThread:
 
 
 class FrameStore:
-    """Writes frames, and reports each that is stored."""
+    """Writes frames and reports each one that is stored."""
 
     def __init__(self, writer: RunWriter, context: SessionContext, stored: Callable[[FrameRecord], None]) -> None:
         self._writer, self._context, self._stored = writer, context, stored
@@ -226,7 +226,7 @@ class FrameStore:
         self._waited_s = 0.0
 
     def last_sign_s(self) -> float:
-        """Return the last time at which it waited for a full disk [s of the monotonic clock]."""
+        """Return when it last waited for a full disk [s of the monotonic clock]."""
         return self._waited_s
 
     def store(self, frames: Frames) -> None:
@@ -250,7 +250,7 @@ class FrameStore:
                 self._context.clock.sleep(_RETRY_S)
         if waited:
             self._note("disk was full", sequence=first.sequence, tries=waited + 1)
-            self._note("go on")
+            self._note("continue")
         self.frames += len(written)
         for record in written:
             self._stored(record)
@@ -302,7 +302,7 @@ class _Acquisition:
         if self._rig.origin == "device":
             self._locks.look_at_clock(self._context.clock)
         if self._context.sun is not None:
-            # The first position loads the libraries that know it, which takes a second: not between two frames.
+            # The first position of the sun loads libraries for a second: not between two frames.
             self._context.sun.at(self._utc.now_ns())
         try:
             for exposure in exposures_of(self._steps):
@@ -321,7 +321,7 @@ class _Acquisition:
         self.pause.hold(REQUESTS[kind], cleared=lambda: False)
 
     def _take(self, exposure: tuple[Step, ...]) -> None:
-        """Take one exposure until its interlocks are satisfied, and hand its frames on to be stored."""
+        """Repeat an exposure until its interlocks are satisfied, then queue its frames to be stored."""
         step = exposure[0]
         exposure_s = self._exposures.of(step)
         self._work.present(step.kind)
@@ -340,7 +340,7 @@ class _Acquisition:
         self._last_counts = tuple(counts for _, counts in frames)
         self._note_full_queue()
         self._thread.put(*frames)
-        # Only now: the frame is as good as its cycle, and is not lost by a stop.
+        # React after the frames are queued, so that a stop does not lose them.
         self._locks.react_all(tuple(violations))
 
     def _record(self, step: Step, captured: CapturedFrame, remarks: tuple[str, ...]) -> FrameRecord:
@@ -392,7 +392,7 @@ class _Acquisition:
             tries_left -= 1
 
     def _is_held_for_exposure(self, step: Step, captured: CapturedFrame) -> bool:
-        """Look once at each exposure that the session file states; longer ones of a bracket may saturate."""
+        """Check the first frame of each stated exposure for saturation; longer ones of a bracket may saturate."""
         exposure_s = step.exposure_s
         if step.kind != "scene" or exposure_s is None or step.exposure_factor > 1.0 or exposure_s in self._exposed_s:
             return False
@@ -404,7 +404,7 @@ class _Acquisition:
         )
 
     def _is_attended(self) -> bool:
-        """Return True if a person is at the terminal, or time is simulated, so that nobody is needed."""
+        """Return True if a person is at the terminal, or if time is simulated and no person is needed."""
         if self._context.clock.simulated is not None:
             return True
         return not self._context.asks_by_hold and sys.stdin is not None and sys.stdin.isatty()
@@ -437,7 +437,7 @@ class _Acquisition:
 
 
 def _note_tally(camera: Camera, writer: RunWriter) -> None:
-    """Note the camera's own counts of its pictures since it was opened, if it counts them."""
+    """Note how many pictures the camera has counted since it was opened, if it counts them."""
     if isinstance(camera, ReportingCamera):
         writer.event(TALLY_EVENT, **asdict(camera.tally()))
 

@@ -1,8 +1,7 @@
 """Requests to a running session (hold, continue, stop), and notices that it sends.
 
-Requests come by signal or by command and are answered between two frames, in order, each with an event. A command
-writes a file into the folder `requests` of the run. The name of the file is the time of the request, so simultaneous
-requests do not overwrite each other.
+Requests come by signal or by command. They are answered in order between two frames, each with an event. A command
+writes a file into the folder `requests` of the run; the file's name is the time of the request.
 
 Notices go to a webhook, a command or both. A slow receiver does not delay the session. A notice contains the name of
 the run folder, the event (as in the run's events, or "failed" if the session ended with an error), its facts in words,
@@ -21,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Literal
+from typing import Literal, get_args
 
 from pydantic import JsonValue
 
@@ -33,11 +32,11 @@ from rigctl.runs.records import NOTICE_EVENT, RunEvent, event_facts
 
 REQUESTS_FOLDER = "requests"
 _MOST_WAITING = 100
-Request = Literal["hold", "go on", "stop"]
-_WORDS: dict[str, Request] = {"hold": "hold", "go on": "go on", "stop": "stop"}
+Request = Literal["hold", "continue", "stop"]
+_REQUESTS: dict[str, Request] = {name: name for name in get_args(Request)}
 _SIGNALS: dict[signal.Signals, Request] = {
     signal.SIGUSR1: "hold",
-    signal.SIGUSR2: "go on",
+    signal.SIGUSR2: "continue",
     signal.SIGTERM: "stop",
     signal.SIGINT: "stop",
 }
@@ -52,30 +51,30 @@ def ask(run: Path, request: Request) -> None:
     folder = run / REQUESTS_FOLDER
     folder.mkdir(exist_ok=True)
     name = f"{time.time_ns():020d}-{os.getpid()}-{threading.get_ident()}"
-    beside = folder / f".{name}"
+    unfinished = folder / f".{name}"
     try:
-        beside.write_text(request, encoding="ascii")
-        beside.replace(folder / name)
+        unfinished.write_text(request, encoding="ascii")
+        unfinished.replace(folder / name)
     except OSError:
-        beside.unlink(missing_ok=True)
+        unfinished.unlink(missing_ok=True)
         raise
 
 
 def ask_process(run: Path, process: int, request: Request) -> None:
-    """Send a request to the process that writes into a run: by its folder, or by a signal if that cannot be written."""
+    """Send a request to the process that writes into a run: by a file, or by a signal if no file can be written."""
     try:
         ask(run, request)
     except OSError:
         if process <= 0:
-            raise  # 0 means "not known" here, and the whole process group to the system
+            raise  # 0 is an unknown process here, but the whole process group to os.kill
         # The disk may be full or read-only, which is a reason to stop.
-        number = next(number for number, wanted in _SIGNALS.items() if wanted == request)
+        number = next(number for number, meaning in _SIGNALS.items() if meaning == request)
         os.kill(process, number)
 
 
 @contextmanager
 def outliving_terminal() -> Iterator[None]:
-    """Keep running if the terminal hangs up, from before the devices are opened until the context is left."""
+    """Keep running if the terminal hangs up while the context lasts."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -105,10 +104,10 @@ class Control:
         self._requests.append(request)
 
     def poll(self) -> Request | None:
-        """Return the oldest request that was not returned before, or None."""
+        """Return the oldest unanswered request, or None."""
         for file in self._files():
-            request = _WORDS.get(_text_of(file))
-            # A file that cannot be removed, as in a folder that has become read-only, is answered only once.
+            request = _REQUESTS.get(_text_of(file))
+            # A file that cannot be removed, as in a read-only folder, is answered only once.
             self._seen.add(file)
             with suppress(OSError):
                 file.unlink()
@@ -119,14 +118,14 @@ class Control:
         return request
 
     def forget(self) -> None:
-        """Drop requests to an earlier session that ended before it answered them."""
+        """Drop requests that an earlier session did not answer before it ended."""
         for file in self._files():
             with suppress(OSError):
                 file.unlink()
         self._requests.clear()
 
     def is_stop_asked(self) -> bool:
-        """Return whether a stop was requested, now or before; the request stays."""
+        """Return whether a stop was requested, without answering it."""
         return self._is_stop_seen or "stop" in self._requests or any(_text_of(file) == "stop" for file in self._files())
 
     def _files(self) -> list[Path]:
@@ -142,10 +141,10 @@ class Control:
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Take signals as requests until the context is left: USR1 hold, USR2 continue, TERM and INT stop.
+        """Take signals as requests while the context lasts: USR1 hold, USR2 continue, TERM and INT stop.
 
-        A second INT stops at once. HUP, of a terminal that is gone, is noted and the session continues. Signals reach
-        only the main thread of a program; in another thread this does nothing.
+        A second INT stops at once. HUP (the terminal is gone) is noted and the session continues. Signals reach only
+        the main thread of a program; in another thread this does nothing.
         """
         if threading.current_thread() is not threading.main_thread():
             yield
@@ -177,7 +176,7 @@ def _text_of(file: Path) -> str:
 
 @contextmanager
 def notices(section: NotifySection | None, run: Path) -> Iterator["Notifier | None"]:
-    """Yield a notifier, or None without a section [notify]; an error that ends the block is reported too."""
+    """Yield a notifier, or None without a section [notify]. An error that ends the context is sent as a notice, too."""
     if section is None:
         yield None
         return
@@ -192,11 +191,11 @@ def notices(section: NotifySection | None, run: Path) -> Iterator["Notifier | No
 
 
 class Notifier:
-    """Sends notices of the wanted events from a queue; a full queue drops further notices."""
+    """Sends notices of the chosen events from a queue; a full queue drops further notices."""
 
     def __init__(self, section: NotifySection, run: str) -> None:
         self._section, self._run = section, run
-        #: Notes a notice that could not be sent in the run.
+        #: Stores an event of the run if a notice could not be sent.
         self.note: Callable[..., None] | None = None
         self._waiting: queue.Queue[Mapping[str, str] | None] = queue.Queue(maxsize=_MOST_WAITING)
         self._thread = threading.Thread(target=self._work, name="notices", daemon=True)
@@ -241,12 +240,12 @@ def send(section: NotifySection, notice: Mapping[str, str]) -> tuple[str, ...]:
     if section.webhook is not None:
         problems.append(_posted(section.webhook, content, timeout_s=section.timeout_s))
     if section.command is not None:
-        problems.append(_told(section.command, content, timeout_s=section.timeout_s))
+        problems.append(_piped(section.command, content, timeout_s=section.timeout_s))
     return tuple(filter(None, problems))
 
 
 def _posted(address: str, content: bytes, *, timeout_s: float) -> str:
-    """Send to a webhook; return the error, which is stored in the run: without what may be a secret in the address."""
+    """Send to a webhook; return the error, without the parts of the address that may be secret."""
     from http.client import HTTPException, InvalidURL
     from urllib.parse import urlsplit
     from urllib.request import Request, urlopen
@@ -261,8 +260,8 @@ def _posted(address: str, content: bytes, *, timeout_s: float) -> str:
         return f"webhook at {urlsplit(address).netloc.rpartition('@')[2]}: {text}"
 
 
-def _told(command: list[str], content: bytes, *, timeout_s: float) -> str:
-    """Run a command; return the error, without its arguments."""
+def _piped(command: list[str], content: bytes, *, timeout_s: float) -> str:
+    """Run a command with the notice on its standard input; return the error, without the command's arguments."""
     try:
         subprocess.run(command, input=content, capture_output=True, timeout=timeout_s, check=True)
     except subprocess.TimeoutExpired:

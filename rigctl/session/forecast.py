@@ -32,10 +32,10 @@ def predict_rounds(
 ) -> Iterator[dict[str, Json]]:
     """Yield the predicted signal of each region in each round at each exposure.
 
-    A scene of stated radiances does not depend on the sun: one set of numbers stands for every round. A metered
-    exposure is that at which the brightest region's mean reaches the metering's target. Counts are those above black
-    level by channel [DN]; `saturated_fraction` is the largest of a channel. A round that cannot be predicted, such as
-    one with the sun at the horizon, has its `problem` instead.
+    A scene of stated radiances does not depend on the sun, so every round has the same numbers. A metered exposure is
+    the one at which the mean of the brightest region reaches the target of metering. Counts are above black level, by
+    channel [DN]; `saturated_fraction` is that of the worst channel. A round that cannot be predicted, for instance
+    because the sun is at the horizon, has a `problem` instead.
     """
     light = SceneLight()
     for number, time_ns in planned.rounds().items():
@@ -120,7 +120,7 @@ def _row(number: int, exposure_ms: float, region: str, prediction: RegionPredict
 
 
 def _chosen(take: Take, sessions: SceneSessions, session: SessionFile, wanted: Wanted) -> Session:
-    """Return the frames of a take with the fewest cycles that reach what is wanted."""
+    """Return the frames of a take with the fewest cycles that reach the target."""
     if take.order == "grouped":
         raise ConfigError("--target-dolp-sigma: order 'grouped' has no cycles to count; take cycles or palindrome")
     angles_rad = tuple(radians(angle) for angle in take.polarizer_angles_deg if angle is not None)

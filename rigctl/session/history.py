@@ -34,12 +34,12 @@ _THUMBNAIL_PIXELS = 160
 class CycleLook:
     """Numbers of one cycle."""
 
-    round: int | None  #: Which.
+    round: int | None
     cycle: int | None
-    time_s: float  #: When its first exposure began, in seconds since 1970 (UTC).
+    time_s: float  #: Start of its first exposure, in seconds since 1970 (UTC).
     sum_rule: Estimate | None  #: (I0 + I90) / (I45 + I135) of the whole picture.
     regions: Mapping[str, RegionPolarization]  #: Polarization by region; "picture" is the whole.
-    #: Of the reference region, within the cycle or since the one before it in the same round.
+    #: Drift of the reference region within the cycle, or since the previous cycle of the same round.
     drift: RegionDrift | None
 
 
@@ -48,20 +48,20 @@ class CycleHistory:
     """The cycles of a run."""
 
     reference: str  #: The region by which drift is measured.
-    looks: tuple[CycleLook, ...]  #: In the order in which they were taken.
+    looks: tuple[CycleLook, ...]  #: In the order of time.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SessionHistory:
-    """History of a session."""
+    """A run with what happened in it."""
 
-    run: Run  #: Its folder's content.
-    events: Sequence[RunEvent]  #: In the order in which they happened.
+    run: Run
+    events: Sequence[RunEvent]  #: In the order of time.
     means: Means  #: Mean counts of picture and regions by sequence number.
     cycles: CycleHistory | None  #: None for a run that was imported.
-    #: Frames spread over the run, 24 at most, thinned out to some 160 pixels a row.
+    #: At most 24 frames spread over the run, reduced to about 160 pixels a row.
     thumbnails: tuple[tuple[FrameRecord, NDArray[np.uint16]], ...]
-    monitors: tuple[MonitorTrace, ...] = ()  #: Readings of sensors.
+    monitors: tuple[MonitorTrace, ...] = ()
 
 
 def session_history(run: Run) -> SessionHistory:
@@ -106,7 +106,7 @@ def region_means_of(run: Run) -> Means:
 
 
 def light_lines(history: CycleHistory, monitors: Sequence[MonitorTrace]) -> Iterator[str]:
-    """Yield the change of the light in words, and how much of it the sensors explain that follow the light."""
+    """Yield sentences on the change of the light, and on how much of it the light sensors explain."""
     for trace in monitors:
         found = []
         for look in history.looks if trace.follows_light else ():

@@ -28,15 +28,15 @@ from rigctl.session.rig_work import CapturedFrame
 from rigctl.session.status import RegionDrift
 from rigctl.session.timing import Pause, SessionClock, SteadyUtc
 
-# The camera's exposure may differ from the requested one by the step of its clock, not by more.
+# The camera's exposure may differ from the requested one by one step of its clock.
 _EXPOSURE_TOLERANCE = 0.01
 _BYTES_PER_MB = 1_000_000
 _MS_PER_S = 1000.0
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 _SIGMAS = 5.0
-# A frame has room for some remarks only; the events have all of them.
+# A frame has room for a few remarks; the events have all of them.
 _MOST_REMARKS = 5
-# Properties of the scene, the same in every frame: one event a round is enough, besides the remark in each frame.
+# Properties of the scene are the same in every frame: one event a round is enough; each frame has the remark.
 _LASTING = ("low_signal", "saturated")
 # As GenICam names them, that of the sensor itself first; a camera warms up within minutes, and each reading is a
 # question over the network.
@@ -78,7 +78,7 @@ class TellsFeatures(Protocol):
 
 
 class Thermometer:
-    """Asks a camera for its temperature, every ten seconds at most."""
+    """Reads the temperature of a camera, at most every ten seconds."""
 
     def __init__(self, camera: Camera, clock: SessionClock) -> None:
         self._camera, self._clock = camera, clock
@@ -86,7 +86,7 @@ class Thermometer:
         self._temperature_c: float | None = None
 
     def temperature_c(self) -> float | None:
-        """Return the temperature by the last reading [deg C]; None if the camera has no sensor."""
+        """Return the last reading [deg C]; None if the camera has no sensor."""
         now_ns = self._clock.monotonic_ns()
         if self._read_ns is None or now_ns - self._read_ns >= _TEMPERATURE_EACH_S * NS_PER_S:
             features = self._camera.features() if isinstance(self._camera, TellsFeatures) else {}
@@ -118,17 +118,17 @@ class Interlocks:
         self._is_temperature_off = False
         self._means: dict[float, dict[float, tuple[float, float]]] = {}
         self.remarks: tuple[str, ...] = ()
-        """For every frame from here on."""
+        """Remarks for every frame from now on."""
 
     def found(self, name: Name, facts: object) -> tuple[Violation, ...]:
-        """Return the violations of one interlock; none if it is off."""
+        """Return the violations of one interlock; an empty tuple if it is off."""
         if self._action(name) == "off":
             return ()
         messages = TABLE[name].check(facts, self.section)
         return tuple((name, message) for message in messages)
 
     def of_frames(self, frames: tuple[CapturedFrame, ...]) -> tuple[Violation, ...]:
-        """Return the violations of an exposure; of the parts of a cell only the first of each interlock."""
+        """Return the violations of an exposure; of the parts of a mosaic picture, only the first of each interlock."""
         names = [row.name for row in TABLE.values() if row.when == "frame"]
         if len(frames) == 1:
             return tuple(violation for name in names for violation in self.found(name, frames[0]))
@@ -139,7 +139,7 @@ class Interlocks:
         return tuple(first.values())
 
     def of_cycle(self, seen: FrameSummary, drift: RegionDrift | None, *, ends_cycle: bool) -> tuple[Violation, ...]:
-        """Take in a frame; return the violations of the cycle that it ends."""
+        """Add a frame; return the violations of the cycle that it ends."""
         sums: tuple[Violation, ...] = ()
         if seen.kind == "scene" and seen.angle_deg is not None:
             mean = seen.means[PICTURE]
@@ -151,7 +151,7 @@ class Interlocks:
         return sums + self.found("drift", drift)
 
     def look_at_clock(self, clock: SessionClock) -> None:
-        """Check once that the host's clock is synchronised."""
+        """Check that the host's clock is synchronised."""
         self._writer.event(HOST_CLOCK_EVENT, utc_error_s=clock.utc_error_s())
         self._react_while("synchronised", clock.problem)
 
@@ -166,7 +166,7 @@ class Interlocks:
             self.react(violation, cleared=lambda: not found())
 
     def look_at_cell(self, captured: CapturedFrame, cell_deg: Sequence[float] | None) -> None:
-        """Check the stated cell of polarizers with a picture of the scene."""
+        """Check the stated mosaic of polarizers with a picture of the scene."""
         if cell_deg is not None:
             problem = cell_problem(captured.frame.counts, cell_deg, bit_depth=captured.settings.bit_depth)
             self.react_all(self.found("cell", problem))
@@ -176,7 +176,7 @@ class Interlocks:
     ) -> bool:
         """Check the first frame of an exposure; return True if the session was held, so that the frame is taken again.
 
-        With a person at the terminal (`is_attended`) a warning takes the place of the hold.
+        With a person at the terminal (`is_attended`) the session is not held, but warns.
         """
         is_held = False
         for violation in self.found("exposure", (captured, metered_s)):
@@ -190,7 +190,7 @@ class Interlocks:
         return is_held
 
     def look_ahead(self, frames: int, *, frame_bytes: int) -> None:
-        """Warn if the disk has no room for all frames; the session starts all the same."""
+        """Warn if the disk has no room for all frames. The session starts nevertheless."""
         run = self._writer.path
         room = int((_free_bytes(run) - self.section.disk_free_mb * _BYTES_PER_MB) // frame_bytes)
         if room < frames:
@@ -219,7 +219,7 @@ class Interlocks:
         self._writer.event("interlock", interlock=violation[0], action=action, message=violation[1], **facts)
 
     def react(self, violation: Violation, *, cleared: Callable[[], bool] = lambda: False) -> None:
-        """Note a violation; then hold until it is cleared, or stop, if the session file says so."""
+        """Note a violation; hold until it is cleared, or stop, as the session file says."""
         self.note(violation)
         if self._action(violation[0]) == "stop":
             raise _failure_of(violation)
@@ -227,12 +227,12 @@ class Interlocks:
             self._pause.hold(violation[1], cleared=cleared)
 
     def react_all(self, violations: tuple[Violation, ...]) -> None:
-        """React to each of several."""
+        """React to several violations."""
         for violation in violations:
             self.react(violation)
 
     def wants_again(self, violation: Violation, step: Step, *, tries_left: int) -> bool:
-        """Note a violation of a frame; return whether to take the frame again. Stop after the last retry."""
+        """Note a violation of a frame; return whether to take the frame again. After the last retry, stop."""
         action = self._action(violation[0])
         if action != "note" or violation[0] not in _LASTING or (violation[0], step.round) not in self._told_in:
             self.note(violation, sequence=step.sequence)
@@ -288,7 +288,7 @@ def _settings(captured: CapturedFrame, _: InterlockSection) -> Messages:
 
 
 def _counter(captured: CapturedFrame, _: InterlockSection) -> Messages:
-    """Give an old picture (number stands still) or lost ones (gap); a free-running camera counts others, too."""
+    """Report an old picture (number does not rise) or lost ones (gap). A free-running camera skips numbers anyway."""
     number, last = captured.frame.sequence, captured.number_before
     if last is None:
         return
@@ -300,9 +300,9 @@ def _counter(captured: CapturedFrame, _: InterlockSection) -> Messages:
 
 
 def _identical(captured: CapturedFrame, _: InterlockSection) -> Messages:
-    """Give a picture with the very noise of the one before; one of a single value has none."""
+    """Report a picture with exactly the noise of the one before."""
     counts, before = captured.frame.counts, captured.last_counts
-    # Rows in the middle tell nearly every picture from the one before.
+    # Comparing two rows in the middle first saves time.
     few = slice(len(counts) // 2, len(counts) // 2 + 2)
     is_alike = before is not None and np.array_equal(counts[few], before[few]) and np.array_equal(counts, before)
     if is_alike and not captured.is_flat:
@@ -318,7 +318,7 @@ def _black(captured: CapturedFrame, _: InterlockSection) -> Messages:
 
 
 def _exposure(first: tuple[CapturedFrame, Callable[[], float | None]], section: InterlockSection) -> Messages:
-    """Of the first scene frame, and what meters the light where the frame is far too bright."""
+    """Check the first scene frame; the second element of `first` meters the light if the frame is too bright."""
     captured, metered_s = first
     share, exposure_ms = captured.saturated_fraction, captured.asked[0] * _MS_PER_S
     if captured.kind == "scene" and share > section.exposure_fraction:
@@ -380,7 +380,7 @@ def _temperature(temperature_c: float | None, section: InterlockSection) -> Mess
 
 
 def _sum_rule(cycle: Mapping[float, tuple[float, float]], section: InterlockSection) -> Messages:
-    """Of mean and noise variance by angle. Black levels cancel between the sums: weaker where there is little light."""
+    """Check the mean and noise variance by angle. Black levels cancel between the sums."""
     if not set(_ANGLES_DEG) <= set(cycle):
         return
     i0, i45, i90, i135 = (cycle[angle][0] for angle in _ANGLES_DEG)
@@ -400,7 +400,7 @@ def _drift(drift: RegionDrift | None, section: InterlockSection) -> Messages:
 
 
 def _found_elsewhere(problem: str | None, _: InterlockSection) -> Messages:
-    """Yield a problem found elsewhere: a driver's error, a full queue, a cell that contradicts the light."""
+    """Yield a problem that was found elsewhere: a driver's error, a full queue, a mosaic that contradicts the light."""
     if problem is not None:
         yield problem
 

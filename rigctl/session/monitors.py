@@ -1,4 +1,4 @@
-"""Monitors: sensors that are read once an exposure, each in a thread of its own. No frame waits for them."""
+"""Monitors: sensors that are read once per exposure, each in a thread of its own. No frame waits for them."""
 
 import math
 import queue
@@ -17,7 +17,7 @@ from rigctl.rig.rig import find_driver
 from rigctl.runs.records import MONITOR_EVENT, READINGS_EVENT, MonitorReadings
 
 _GROUP = "rigctl.monitors"
-# A reading may end by so much after its deadline before it is given up.
+# A reading may come this long after its deadline before it is given up.
 _GRACE_S = 0.2
 _BUSY = "busy: the reading before has not come back"
 
@@ -26,7 +26,7 @@ Note = Callable[..., None]
 
 @dataclass(kw_only=True)
 class _Look:
-    """Readings for one exposure, as they come in."""
+    """Readings for one exposure."""
 
     sequence: int
     utc: str
@@ -37,11 +37,11 @@ class _Look:
 
 
 class _Reader:
-    """One sensor in its thread. After an error, which is noted, it is opened again for the next reading."""
+    """One sensor in its thread. After an error it is opened again for the next reading."""
 
     def __init__(self, section: MonitorSection, answer: Callable[[_Look, str, float | str], None]) -> None:
         self.section, self._answer = section, answer
-        #: Content of the event that introduces it, once it has answered.
+        #: Content of the event that introduces the sensor, once it has answered.
         self.facts: dict[str, str | bool] | None = None
         self._asked: queue.Queue[_Look | None] = queue.Queue(maxsize=1)
         self._is_idle = threading.Event()
@@ -50,7 +50,7 @@ class _Reader:
         threading.Thread(target=self._work, name=f"monitor {section.name}", daemon=True).start()
 
     def ask(self, look: _Look) -> bool:
-        """Ask for a reading; return whether it is not busy with the one before. Returns at once."""
+        """Request a reading and return at once: False if the sensor is busy with the previous one."""
         if not self._is_idle.is_set():
             return False
         self._is_idle.clear()
@@ -58,7 +58,7 @@ class _Reader:
         return True
 
     def end(self) -> None:
-        """Let the thread end once it is idle."""
+        """End the thread once it is idle."""
         with suppress(queue.Full):
             self._asked.put_nowait(None)
 
@@ -66,7 +66,7 @@ class _Reader:
         while (look := self._asked.get()) is not None:
             try:
                 found: float | str = self._read()
-            except Exception as error:  # a plug-in's fault is no fault of the session
+            except Exception as error:  # a fault of a plug-in must not stop the session
                 self._close()
                 found = str(error) or type(error).__name__
             self._is_idle.set()
@@ -115,7 +115,7 @@ class Monitors:
         self._warned: set[tuple[str, str]] = set()
 
     def look(self, sequence: int) -> None:
-        """Ask each sensor for its reading beside an exposure, and note those that are complete; returns at once."""
+        """Request the readings for an exposure, and note those that are complete. Returns at once."""
         if not self._readers:
             return
         look = _Look(
@@ -132,7 +132,7 @@ class Monitors:
         self._note_complete()
 
     def finish(self) -> None:
-        """Wait for what was asked for, as long as deadlines allow, and note it; the sensors are closed."""
+        """Wait for outstanding readings until their deadlines, note them, and close the sensors."""
         longest_s = max((reader.section.deadline_s for reader in self._readers), default=0.0) + _GRACE_S
         with self._lock:
             self._lock.wait_for(lambda: not any(look.waited_for for look in self._looks), timeout=longest_s)
@@ -151,7 +151,7 @@ class Monitors:
             self._lock.notify_all()
 
     def _note_complete(self, *, is_last: bool = False) -> None:
-        """Note readings in the order of their exposures; what is beyond its deadline is given up."""
+        """Note readings in the order of their exposures; those beyond their deadline are given up."""
         with self._lock:
             for look in self._looks:
                 self._give_up(look, is_last=is_last)
@@ -188,5 +188,5 @@ class Monitors:
         )
 
     def _write(self, event: str, facts: Mapping[str, object]) -> None:
-        with suppress(RunFolderError):  # a disk that is full has room for frames first
+        with suppress(RunFolderError):  # on a full disk frames come first
             self._note(event, **facts)

@@ -36,25 +36,25 @@ from rigctl.session.status import (
 _NEEDED = ("gain_dn_per_e", "read_noise_e", "black_level_dn")
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 _LEAST_ANGLES = 3
-# More than this and the means of a frame say little.
+# With a larger share of saturated pixels, means say little.
 _MOST_SATURATED = 0.01
-# Squares that a whole cycle is diagnosed from while the session runs.
+# Number of squares from which a cycle is diagnosed while the session runs.
 _COARSE_PIXELS = 20_000
-# Of live deviations, of which three digits are enough.
+# Relative tolerance of live standard deviations: three digits are enough.
 _TOLERANCE = 1e-3
 _S_PER_MIN, _MS_PER_S = 60.0, 1000.0
 
-# Level of light that a mean stands for: counts a second of exposure, those of the dark subtracted [DN/s], and their
-# variance by noise [(DN/s)^2], None without a calibration.
+# Level of light: counts above dark per second of exposure [DN/s], and their variance by noise [(DN/s)^2], None without
+# a calibration.
 Level = tuple[float, float | None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class PixelMean:
-    """A mean count."""
+    """Mean count of some pixels [DN], and their number."""
 
-    mean_dn: float  #: [DN].
-    pixels: int  #: Of how many.
+    mean_dn: float
+    pixels: int
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,20 +62,20 @@ class FrameSummary:
     """A frame in a few numbers."""
 
     kind: str  #: "scene", "dark" or "flat".
-    round: int | None  #: Where in the session.
+    round: int | None
     cycle: int | None
-    angle_deg: float | None  #: The polarizer angle that was asked for, in [0, 180).
-    measured_deg: float | None  #: The same by the stage's readback.
-    exposure_s: float  #: Integration time.
+    angle_deg: float | None  #: Requested polarizer angle, in [0, 180).
+    measured_deg: float | None  #: Polarizer angle by the stage's readback.
+    exposure_s: float
     time_s: float  #: Start of the exposure, by one clock for all frames that are compared.
     saturated_fraction: float  #: Share of saturated pixels.
-    means: Mapping[str, PixelMean]  #: Mean counts of the picture and of its regions, by name.
-    #: Mean counts of some 20000 squares of pixels, NaN where one is saturated or missing, and the side of a square.
+    means: Mapping[str, PixelMean]  #: Of the picture and of its regions, by name.
+    #: Mean counts of about 20000 squares of pixels (NaN if a pixel is saturated or missing), and the side of a square.
     coarse: tuple[NDArray[np.float32], int] | None = None
 
 
 class LiveNumbers:
-    """The last frame of each angle, and the last whole cycle. Filled in one thread, read in another."""
+    """The last frame of each angle, and the last complete cycle. Filled in one thread, read in another."""
 
     def __init__(
         self, *, noise: SessionNoise | None = None, extinction_ratio: float | None = None, reference: str = PICTURE
@@ -91,7 +91,7 @@ class LiveNumbers:
         self._diagnosed: tuple[tuple[FrameSummary, ...], LiveDiagnosis | None] = ((), None)
 
     def add(self, frame: FrameSummary, *, ends_cycle: bool) -> RegionDrift | None:
-        """Take in a frame; return the drift of the light at the end of a cycle, if it is known."""
+        """Add a frame; return the drift of the light at the end of a cycle, if it is known."""
         with self._lock:
             if frame.kind == "dark":
                 self._levels.add_dark(frame)
@@ -110,10 +110,9 @@ class LiveNumbers:
         return self._drift
 
     def content(self) -> LiveContent:
-        """Return the numbers as they stand.
+        """Return the numbers of the last complete cycle, or of the last frame of each angle if frames are grouped.
 
-        Of the last whole cycle; where frames are grouped by angle, of the last frame of each. Computed of a copy: the
-        session adds frames meanwhile.
+        They are computed from a copy, because the session adds frames meanwhile.
         """
         with self._lock:
             cycle, drift, seen, levels = self._cycle, self._drift, dict(self._angles), self._levels.copy()
@@ -121,7 +120,7 @@ class LiveNumbers:
         angles = {f"{angle:g}": _shown(frame) for (angle, _), frame in sorted(seen.items())}
         if not frames:
             return LiveContent(angles=angles, regions={}, drift=drift)
-        if self._diagnosed[0] is not cycle:  # made once for each
+        if self._diagnosed[0] is not cycle:  # computed once per cycle
             found = cycle_diagnosis(cycle, levels=levels, extinction_ratio=self._extinction_ratio)
             self._diagnosed = (cycle, found)
         last = frames[-1]
@@ -145,7 +144,7 @@ class RegionMeans:
         self._windows: dict[str, tuple[slice, slice, NDArray[np.bool_]]] = {}
 
     def of(self, counts: NDArray[np.uint16], *, share: float = 1.0) -> dict[str, PixelMean]:
-        """Return the mean of the whole picture, and of each region by its name."""
+        """Return the mean of the whole picture and of each region, by name."""
         import cv2
 
         if counts.shape != self._shape:
@@ -189,13 +188,13 @@ def frame_summary(
 
 
 def coarse_picture(counts: NDArray[np.uint16], record: FrameRecord) -> tuple[NDArray[np.float32], int]:
-    """Return the mean counts of some 20000 squares of the pixels of a frame, and the side of a square."""
+    """Return the mean counts of about 20000 squares of pixels of a frame, and the side of a square."""
     import cv2
 
     height, width = counts.shape
     side = max(1, math.ceil(math.sqrt(height * width / _COARSE_PIXELS)))
     counts, size = counts[: height - height % side, : width - width % side], (width // side, height // side)
-    full_dn = math.ceil(record.saturation_dn)  # a whole number: with a real one the picture is converted
+    full_dn = math.ceil(record.saturation_dn)  # an integer: comparing with a float would convert the picture
     bad = counts >= full_dn if counts.max() >= full_dn else np.zeros(1, dtype=np.bool_)
     if record.missing_dn is not None:
         bad = bad | (counts == record.missing_dn)
@@ -208,7 +207,7 @@ def coarse_picture(counts: NDArray[np.uint16], record: FrameRecord) -> tuple[NDA
 
 
 def of_one_exposure(frames: Sequence[FrameSummary]) -> tuple[FrameSummary, ...]:
-    """Return the frames of the longest exposure at which none is saturated; of the shortest if all are."""
+    """Return the frames of the longest exposure without a saturated frame; of the shortest if all have one."""
     exposures_s = sorted({frame.exposure_s for frame in frames}, reverse=True)
     for exposure_s in exposures_s:
         alike = tuple(frame for frame in frames if frame.exposure_s == exposure_s)
@@ -218,20 +217,20 @@ def of_one_exposure(frames: Sequence[FrameSummary]) -> tuple[FrameSummary, ...]:
 
 
 class LightLevels:
-    """The last dark frame of each exposure; `noise` is that of a calibration."""
+    """Dark levels: the last dark frame of each exposure, or the noise calibration."""
 
     def __init__(self, noise: SessionNoise | None = None) -> None:
         self._noise = noise
         self._darks: dict[float, FrameSummary] = {}
 
     def copy(self) -> "LightLevels":
-        """Return these levels; the copy stays as it is."""
+        """Return a copy."""
         levels = LightLevels(self._noise)
         levels._darks = dict(self._darks)
         return levels
 
     def add_dark(self, dark: FrameSummary) -> None:
-        """Take in a dark frame."""
+        """Add a dark frame."""
         self._darks[dark.exposure_s] = dark
 
     def source(self, exposure_s: float) -> DarkSource:
@@ -241,7 +240,7 @@ class LightLevels:
         return DarkSource.UNKNOWN if self._noise is None else DarkSource.CALIBRATION
 
     def dark_dn(self, region: str, exposure_s: float) -> float:
-        """Return the mean count of a region without light [DN]; 0 where nothing is known of it."""
+        """Return the mean count of a region without light [DN]; 0 if it is not known."""
         dark = self._darks.get(exposure_s)
         if dark is not None:
             return dark.means[region].mean_dn
@@ -259,9 +258,9 @@ class LightLevels:
 def drift_of(
     frames: Sequence[FrameSummary], before: Sequence[FrameSummary], *, region: str, levels: LightLevels
 ) -> RegionDrift | None:
-    """Return the drift of the light: within a cycle that repeats an angle, or else since the cycle before.
+    """Return the drift of the light: within a cycle that repeats an angle, otherwise since the previous cycle.
 
-    The sum of the changes of all angles over the sum of their means; polarization cancels, since each angle is
+    It is the sum of the changes of all angles over the sum of their means. Polarization cancels, because each angle is
     compared with itself.
     """
     pairs = list(_pairs(frames, frames)) or list(_pairs(before, frames))
@@ -282,7 +281,7 @@ def drift_of(
 
 
 def sum_rule(frames: Sequence[FrameSummary], *, region: str, levels: LightLevels) -> Estimate | None:
-    """Return (I0 + I90) / (I45 + I135), which is 1; None without all four, or without light."""
+    """Return (I0 + I90) / (I45 + I135), which should be 1; None without all four angles, or without light."""
     found: dict[float, Level] = {}
     for frame in frames:
         if frame.angle_deg in _ANGLES_DEG:
@@ -302,7 +301,7 @@ def sum_rule(frames: Sequence[FrameSummary], *, region: str, levels: LightLevels
 def polarizations(
     frames: Sequence[FrameSummary], *, levels: LightLevels, extinction_ratio: float | None
 ) -> dict[str, RegionPolarization]:
-    """Return the polarization of each region of a cycle that has one."""
+    """Return the polarization of each region of a cycle for which it can be computed."""
     found = {
         region: polarization(frames, region=region, levels=levels, extinction_ratio=extinction_ratio)
         for region in frames[-1].means
@@ -315,8 +314,7 @@ def polarization(
 ) -> RegionPolarization | None:
     """Return the polarization of a region's mean light in a cycle; None with fewer than three angles, or no light.
 
-    The standard deviation is that of the noise of one cycle. It does not include drift, fixed pattern or errors of the
-    angles.
+    The standard deviation includes the noise of one cycle, but not drift, fixed pattern or errors of the angles.
     """
     seen = [frame for frame in frames if frame.measured_deg is not None]
     if len({frame.angle_deg for frame in seen}) < _LEAST_ANGLES:
@@ -340,7 +338,7 @@ def polarization(
 def cycle_diagnosis(
     frames: Sequence[FrameSummary], *, levels: LightLevels, extinction_ratio: float | None
 ) -> LiveDiagnosis | None:
-    """Return the faults that the coarse pictures of a whole cycle show; None without such pictures."""
+    """Return the faults that the coarse pictures of a complete cycle show; None without such pictures."""
     seen = [frame for frame in frames if frame.measured_deg is not None]
     coarse = [frame.coarse for frame in seen if frame.coarse is not None]
     if not coarse or len(coarse) < len(seen) or len({frame.angle_deg for frame in seen}) < _LEAST_ANGLES:
@@ -368,7 +366,7 @@ def cycle_diagnosis(
 
 
 def noise_numbers(calibration: NoiseParameters) -> SessionNoise:
-    """Return the numbers of a noise calibration that a session needs: they go into the run."""
+    """Return the numbers of a noise calibration that a session needs and stores in the run."""
     missing = [name for name in _NEEDED if name not in calibration.known]
     if missing:
         raise ConfigError(
@@ -389,7 +387,7 @@ def dark_level_dn(noise: SessionNoise, exposure_s: float) -> float:
 
 
 def mean_variance_dn2(noise: SessionNoise, mean: PixelMean, exposure_s: float) -> float:
-    """Return the temporal variance of a mean count [DN^2]; fixed pattern stays in a mean and is left out."""
+    """Return the temporal variance of a mean count [DN^2], without fixed pattern."""
     signal_dn = max(0.0, mean.mean_dn - dark_level_dn(noise, exposure_s))
     sensor = SensorNoise(**asdict(noise))
     return float(temporal_variance_dn2(signal_dn, noise=sensor, exposure_s=exposure_s)) / mean.pixels
@@ -404,7 +402,7 @@ def _window(mask: NDArray[np.bool_]) -> tuple[slice, slice, NDArray[np.bool_]]:
 def _pairs(
     earlier: Sequence[FrameSummary], later: Sequence[FrameSummary]
 ) -> Iterator[tuple[FrameSummary, FrameSummary]]:
-    """Give the first look of an angle among the earlier frames and the last among the later, where they differ."""
+    """Yield pairs of frames at one angle: the first among the earlier frames, and the last among the later ones."""
     first: dict[float | None, FrameSummary] = {}
     for frame in earlier:
         first.setdefault(frame.angle_deg, frame)
@@ -416,7 +414,7 @@ def _pairs(
 
 
 def _sum_known(variances: Sequence[float | None]) -> float | None:
-    """Return the sum of variances; None if one of them is not known."""
+    """Return the sum of variances; None if one is unknown."""
     known = [variance for variance in variances if variance is not None]
     return sum(known) if len(known) == len(variances) else None
 

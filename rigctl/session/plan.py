@@ -27,26 +27,26 @@ from rigctl.scene.sun import sun_position
 # A FITS header of one frame and its line in the manifest [bytes].
 BYTES_BESIDE_PIXELS = 5760 + 1024
 SUN_ANGLES = ("sun_zenith_deg", "sun_azimuth_deg", "phi_deg")
-# What a move of the stage and the disk take, for the estimate only: an ELL14 turns 45 deg in 0.2 s and answers in
-# 0.1 s; a frame of 1 MB is on the disk in 0.02 s [s].
+# Times of a move, of storing a frame and of homing, for the estimate only [s]: an ELL14 turns 45 deg in 0.2 s and
+# answers in 0.1 s; a frame of 1 MB is on the disk in 0.02 s.
 _MOVE_S, _STORE_S, _HOME_S = 0.4, 0.02, 2.0
-# The exposure that is assumed for a metered one before it is metered [s].
+# Assumed exposure before a metered one is known [s].
 _METERED_S = 0.01
-# Places of a cell of polarizers; how far a calibrated axis may be from the nominal one.
+# Number of polarizers in a mosaic cell; then the largest distance of a calibrated axis from the nominal one.
 _PLACES = 4
 _HALF_TURN_DEG, _EIGHTH_DEG, _MEANT_DEG, _AXIS_DECIMALS = 180.0, 45.0, 5.0, 3
-# Between two exact positions the sun is interpolated along the chord: over a minute it moves by at most 0.0044 rad,
-# the chord leaves the arc by 0.0044^2 / 8 = 2.4e-6 rad at most (0.14 millidegrees).
+# Between two exact positions the sun is interpolated along the chord. In a minute it moves by at most 0.0044 rad, and
+# the chord differs from the arc by at most 0.0044^2 / 8 = 2.4e-6 rad (0.14 millidegrees).
 _NODE_NS, _NODES_KEPT = 60 * NS_PER_S, 4096
-# The crossing of an elevation is sought within such steps: the sun does not turn back twice within one.
+# Step of the search for crossings of an elevation: the sun does not cross it twice within one.
 _SCAN_NS, _CROSSING_TOLERANCE_NS = 600 * NS_PER_S, NS_PER_S // 10
 _NS_PER_MIN, _NS_PER_H = 60 * NS_PER_S, 3600 * NS_PER_S
 _MOST_ROUNDS, _MOST_STEPS = 100_000, 1_000_000
 _LEAST_ANGLES = 3
 _DRIFT_PER_S = 0.01 / 60.0
-# Four frames may wait for the disk: a faster stretch that is shorter than twice this does no harm.
+# Four frames may wait for the disk, so a fast stretch shorter than twice this does no harm.
 _STRETCH = 8
-# The fastest stage turns between two angles in so long; reading out and sending a picture, at 1 Gbit/s and 782 x 582.
+# Time of the fastest stage between two angles; time to read out and send 782 x 582 pixels at 1 Gbit/s.
 _SHORTEST_MOVE_S, _FAST_CAMERA_S = 0.2, 0.007
 
 
@@ -56,20 +56,20 @@ class Step:
 
     sequence: int = 0  #: Its place in the session, from 0.
     kind: FrameKind
-    cycle: int  #: Which time its take goes through the angles, from 0; counted on through the rounds of a schedule.
+    cycle: int  #: Number of the pass through the angles, from 0, counted on through the rounds of a schedule.
     polarizer_angle_deg: float | None  #: Target of the polarizer's axis; None leaves it where it is.
-    exposure_s: float | None  #: Integration time [s]; None takes what was metered in this round.
-    exposure_factor: float = 1.0  #: What a metered exposure is multiplied by.
-    round: int = 0  #: Which round of the schedule, from 0.
+    exposure_s: float | None  #: Integration time [s]; None is the exposure that was metered in this round.
+    exposure_factor: float = 1.0  #: Factor on a metered exposure.
+    round: int = 0  #: Round of the schedule, from 0.
     due_ns: int | None = None  #: When its round begins [ns since 1970 UTC]; None is at once.
-    ends_cycle: bool = False  #: The last frame of a cycle: then its angles can be set against each other.
-    #: Which place of the cell its pixels are of, from 0, where the camera has polarizers on its pixels: steps of parts
-    #: 0 to 3 that follow each other are one exposure.
+    ends_cycle: bool = False  #: It is the last frame of a cycle, whose angles can then be compared.
+    #: For a camera with polarizers on its pixels: place of the frame's pixels in the cell, from 0. Consecutive steps of
+    #: parts 0 to 3 are one exposure.
     part: int | None = None
 
     @property
     def begins_exposure(self) -> bool:
-        """An exposure is made for it; other parts of a cell come with the one before."""
+        """True except for parts 1 to 3 of a cell, which are of the same exposure as part 0."""
         return not self.part
 
 
@@ -94,7 +94,7 @@ class SunTrack:
         self._node: Callable[[int], tuple[float, float, float]] = lru_cache(maxsize=_NODES_KEPT)(self._exact)
 
     def at(self, utc_ns: int) -> SunAngles:
-        """Return where the sun stands at a time since 1970 (UTC) [ns]."""
+        """Return the direction of the sun at a time since 1970 (UTC) [ns]."""
         number, rest_ns = divmod(utc_ns, _NODE_NS)
         before, after = self._node(number), self._node(number + 1)
         share = rest_ns / _NODE_NS
@@ -105,7 +105,7 @@ class SunTrack:
         )
 
     def crossings_ns(self, zenith_deg: float, *, start_ns: int, end_ns: int) -> Iterator[int]:
-        """Give each time between two others at which the sun's zenith angle passes a value, either way."""
+        """Yield each time between two others at which the sun's zenith angle passes a value, in either direction."""
         for left in range(start_ns, end_ns, _SCAN_NS):
             right = min(left + _SCAN_NS, end_ns)
             if self._is_below(zenith_deg, left) != self._is_below(zenith_deg, right):
@@ -131,16 +131,16 @@ class SunTrack:
 class SessionPlan:
     """A session laid out in time."""
 
-    steps: tuple[Step, ...]  #: What is taken.
-    times_ns: tuple[int, ...]  #: About when [ns since 1970 UTC].
-    start_ns: int  #: When it begins.
-    sun: SunTrack | None  #: The sun above the site, where the rig file has one.
-    camera_azimuth_deg: float | None  #: Where the camera stands as seen from the target.
-    disk_bytes: int | None  #: What the frames take; None where their size is not known.
+    steps: tuple[Step, ...]
+    times_ns: tuple[int, ...]  #: Estimated time of each step [ns since 1970 UTC].
+    start_ns: int
+    sun: SunTrack | None  #: None if the rig file states no site.
+    camera_azimuth_deg: float | None  #: Azimuth of the camera as seen from the target.
+    disk_bytes: int | None  #: Size of the frames on the disk; None if the size of a frame is not known.
     remarks: tuple[str, ...]  #: Doubts about the plan.
 
     def rounds(self) -> dict[int, int]:
-        """Return when the first step of each round is taken [ns since 1970 UTC]."""
+        """Return the time of the first step of each round [ns since 1970 UTC]."""
         begin: dict[int, int] = {}
         for step, time_ns in zip(self.steps, self.times_ns, strict=True):
             begin.setdefault(step.round, time_ns)
@@ -157,11 +157,11 @@ class SessionPlan:
         return false_dolp([step for step in self.steps if step.round == self.steps[0].round])
 
     def planned_rounds(self) -> list[dict[str, Json]]:
-        """Return when each round begins, and the sun then."""
+        """Return the beginning of each round with the sun's position."""
         return [{"round": number, **self._moment(time_ns)} for number, time_ns in self.rounds().items()]
 
     def planned_steps(self) -> list[dict[str, Json]]:
-        """Return about when each frame is taken, and the sun then; an exposure of None is metered."""
+        """Return the estimated time of each frame with the sun's position; an exposure of None is metered."""
         return [
             {
                 "sequence": step.sequence,
@@ -176,7 +176,7 @@ class SessionPlan:
         ]
 
     def content(self) -> dict[str, Json]:
-        """Return the plan as JSON holds it."""
+        """Return the plan for JSON."""
         return {
             "start_utc": utc_text(self.start_ns),
             "end_utc": utc_text(self.times_ns[-1]),
@@ -189,13 +189,13 @@ class SessionPlan:
         }
 
     def _moment(self, time_ns: int) -> dict[str, Json]:
-        """Return a time and the angles of the sun, as far as they are known; phi is its azimuth less the camera's."""
+        """Return a time with the angles of the sun as far as they are known. phi is its azimuth minus the camera's."""
         if self.sun is None:
             return {"utc": utc_text(time_ns)}
         sun, camera_deg = self.sun.at(time_ns), self.camera_azimuth_deg
         angles: dict[str, Json] = {"sun_zenith_deg": sun.zenith_deg, "sun_azimuth_deg": sun.azimuth_deg}
         if camera_deg is not None:
-            # In (-180, 180]: 180 is where the camera looks toward the sun's side.
+            # In (-180, 180]; at 180 the camera looks towards the sun.
             angles["phi_deg"] = 180.0 - (180.0 - (sun.azimuth_deg - camera_deg)) % 360.0
         return {"utc": utc_text(time_ns), **angles}
 
@@ -226,7 +226,7 @@ def plan_session(
 def round_times_ns(
     session: SessionFile, site: SiteSection | None, *, now_ns: int, until_ns: int | None = None
 ) -> tuple[int | None, ...]:
-    """Return when each round is due, in ascending order [ns since 1970 UTC]; one None where there is no schedule."""
+    """Return when each round is due, in ascending order [ns since 1970 UTC]; a single None without a schedule."""
     schedule = session.schedule
     if schedule is None:
         return (None,)
@@ -236,7 +236,8 @@ def round_times_ns(
     end_ns = start_ns + round(schedule.duration_h * _NS_PER_H) if schedule.end is None else unix_ns(schedule.end)
     end_ns = end_ns if until_ns is None else min(end_ns, until_ns)
     sun = None if site is None else SunTrack(site)
-    times = sorted({time for time in _candidates(schedule, sun, start_ns, end_ns) if _wanted(schedule, sun, time)})
+    candidates = set(_candidates(schedule, sun, start_ns, end_ns))
+    times = sorted(time for time in candidates if _is_in_window(schedule, sun, time))
     if not times:
         raise ConfigError("schedule: there is no round between its start and its end; look at `rigctl plan`")
     return tuple(times)
@@ -248,7 +249,7 @@ def plan_steps(
     *,
     cell_deg: tuple[float, ...] | None = None,
 ) -> tuple[Step, ...]:
-    """Return the frames of a session in the order in which they are taken."""
+    """Return the frames of a session in the order of time."""
     takes = session.take if cell_deg is None else [_take_of_cell(take, cell_deg) for take in session.take]
     _require_few(takes, session.darks, rounds=len(round_times_ns))
     frames = [
@@ -268,14 +269,14 @@ def plan_steps(
 
 
 def exposures_of(steps: Sequence[Step]) -> Iterator[tuple[Step, ...]]:
-    """Give the steps of each exposure: one, or the four parts of a cell."""
+    """Yield the steps of each exposure: one, or the four parts of a cell."""
     begins = [place for place, step in enumerate(steps) if step.begins_exposure]
     for begin, end in pairwise([*begins, len(steps)]):
         yield tuple(steps[begin:end])
 
 
 def nominal_deg(axis_deg: float) -> float:
-    """Return the multiple of 45 deg that a calibrated axis is meant to be, in [0, 180), or the axis itself."""
+    """Return the multiple of 45 deg nearest to a calibrated axis, in [0, 180), or the axis itself if none is near."""
     nominal = round(axis_deg / _EIGHTH_DEG) * _EIGHTH_DEG
     return nominal % _HALF_TURN_DEG if abs(axis_deg - nominal) <= _MEANT_DEG else axis_deg
 
@@ -301,12 +302,12 @@ def estimate(steps: tuple[Step, ...], rig: RigFile, *, pixels: int | None = None
 
 
 def planned_exposure_s(step: Step) -> float:
-    """Return the exposure of a step [s]; an assumed one where it is metered later."""
+    """Return the exposure of a step [s]; an assumed one if it is metered later."""
     return _METERED_S * step.exposure_factor if step.exposure_s is None else step.exposure_s
 
 
 def step_times_ns(steps: Sequence[Step], *, start_ns: int) -> tuple[int, ...]:
-    """Return about when each step will be taken [ns since 1970 UTC], each round not before it is due."""
+    """Return the estimated time of each step [ns since 1970 UTC]; no round begins before it is due."""
     times: list[int] = []
     turned = any(step.part is None for step in steps)
     free_ns = start_ns + (round(_HOME_S * NS_PER_S) if turned else 0)
@@ -329,7 +330,8 @@ def demand_of(
 ) -> tuple[int, float, int]:
     """Return the disk speed and space that a session needs if it begins now.
 
-    Bytes of one frame, mean time from frame to frame in the fastest stretch of eight frames [s], and bytes of all.
+    These are the bytes of one frame, the mean time from frame to frame in the fastest stretch of eight frames [s], and
+    the bytes of all frames.
     """
     plan = plan_session(rig, session, now_ns=now_ns, pixels=pixels)
     total = plan.disk_bytes or 0
@@ -340,7 +342,7 @@ def demand_of(
 def false_dolp(steps: Sequence[Step]) -> float | None:
     """Return the DoLP that unpolarized light shows if it grows by 1 % a minute; None with fewer than three angles.
 
-    The reconstruction of intensities (1 + drift * mean time of an angle) / 2.
+    It is reconstructed from the intensities (1 + drift * mean time of an angle) / 2.
     """
     times: dict[float, list[float]] = defaultdict(list)
     for step, time_ns in zip(steps, step_times_ns(steps, start_ns=0), strict=True):
@@ -372,7 +374,7 @@ def grouping_cost(session: SessionFile) -> str | None:
 
 
 def missing_axes(steps: Sequence[Step]) -> str | None:
-    """Return a warning if a session has too few axes for a DoLP; None if it has enough or takes no scene."""
+    """Return a warning if a session has too few axes for a DoLP; None if it has enough or takes no scene frames."""
     targets = [step.polarizer_angle_deg for step in steps if step.kind == "scene"]
     axes = {round(target % 180.0, _AXIS_DECIMALS) % 180.0 for target in targets if target is not None}
     if not axes or len(axes) >= _LEAST_ANGLES:
@@ -384,7 +386,7 @@ def missing_axes(steps: Sequence[Step]) -> str | None:
 
 
 def _require_few(takes: Sequence[Take], darks: DarkSection | None, *, rounds: int) -> None:
-    """Refuse more steps than memory holds before any is made."""
+    """Refuse more steps than memory holds, before any is made."""
     steps = 0
     for take in takes:
         exposures = len(take.exposures_s) * len(take.exposure_factors)
@@ -400,7 +402,7 @@ def _require_few(takes: Sequence[Take], darks: DarkSection | None, *, rounds: in
 
 
 def _take_of_cell(take: Take, cell_deg: tuple[float, ...]) -> Take:
-    """Return a take as exposures: the angles are those of the cell, whatever their order."""
+    """Return a take of a camera with polarizers on its pixels: one exposure has all angles."""
     axes = {round(nominal_deg(axis), _AXIS_DECIMALS) for axis in cell_deg}
     asked = {round(nominal_deg(angle % _HALF_TURN_DEG), _AXIS_DECIMALS) for angle in take.angles_deg or ()}
     if take.angles_deg is not None and asked != axes:
@@ -411,12 +413,12 @@ def _take_of_cell(take: Take, cell_deg: tuple[float, ...]) -> Take:
         )
     if take.closing_repeat:
         raise ConfigError("closing_repeat: all angles are of one exposure here, so that no drift comes between them")
-    # One exposure a cycle, at whatever angle: the cell puts its own in.
+    # One exposure per cycle; its angle is replaced by those of the cell.
     return take.model_copy(update={"angles_deg": [0.0], "order": "cycles"})
 
 
 def _parts(frame: Step, targets_deg: tuple[float, ...]) -> Iterator[Step]:
-    """Give the frames of an exposure behind each place of a cell."""
+    """Yield the frames of an exposure, one for each place of a cell."""
     last = len(targets_deg) - 1
     for part, target_deg in enumerate(targets_deg):
         yield replace(frame, polarizer_angle_deg=target_deg, part=part, ends_cycle=frame.ends_cycle and part == last)
@@ -487,7 +489,7 @@ def _planned(
 
 
 def _turns(step: Step, angle_deg: float | None) -> bool:
-    """Return whether the stage turns for a step; a cell of polarizers needs none."""
+    """Return whether the stage turns for a step; a mosaic camera needs no stage."""
     return step.part is None and step.polarizer_angle_deg not in (None, angle_deg)
 
 
@@ -505,7 +507,7 @@ def _candidates(schedule: ScheduleSection, sun: SunTrack | None, start_ns: int, 
             yield from sun.crossings_ns(zenith_deg, start_ns=start_ns, end_ns=end_ns)
 
 
-def _wanted(schedule: ScheduleSection, sun: SunTrack | None, time_ns: int) -> bool:
+def _is_in_window(schedule: ScheduleSection, sun: SunTrack | None, time_ns: int) -> bool:
     below, above = schedule.while_zenith_below_deg, schedule.while_zenith_above_deg
     if sun is None or (below is None and above is None):
         return True

@@ -1,4 +1,4 @@
-"""A session before any device is opened: files read, calibrations picked, cycles chosen, and every refusal."""
+"""Prepares a session before any device is opened: reads files, selects calibrations, chooses cycles, refuses errors."""
 
 import json
 from collections.abc import Iterator
@@ -32,21 +32,21 @@ class PreparedSession:
 
     files: dict[str, Path]  #: rig and session file
     rig_file: RigFile
-    session_file: SessionFile  #: with the cycles that a target asks for
+    session_file: SessionFile  #: with the cycles that reach the target
     noise: NoiseParameters | None
-    polarizer: Path | None  #: polarizer calibration, which the devices have to agree with
-    chosen: tuple[str, ...]  #: cycles that were chosen for the target, in words
+    polarizer: Path | None  #: polarizer calibration; it must be of the same devices
+    chosen: tuple[str, ...]  #: which cycles were chosen for the target
     doubts: tuple[str, ...]
-    picked: RigPicks  #: calibrations of the store
+    selected: RigPicks  #: calibrations that were selected from the store
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """The frames of one round, in their order."""
+        """The frames of one round in the order of time."""
         return plan_steps(self.session_file, cell_deg=self.rig_file.cell_deg)
 
     def report(self) -> None:
         """Report calibrations and cycles that were chosen, and doubts."""
-        self.picked.report()
+        self.selected.report()
         for line in self.chosen:
             note(f"--target-dolp-sigma: {line}")
         for doubt in self.doubts:
@@ -66,7 +66,7 @@ def prepare_session(
     perturb: RoofChange | None = None,
     regions: Path | None = None,
 ) -> PreparedSession:
-    """Return a session as it will be taken; calibrations that are not named are picked from the store."""
+    """Return a session ready to be taken; calibrations that are not named are selected from the store."""
     rig_file = with_simulation(load_rig(rig), clock_ns=clock_ns, perturb=perturb)
     session_file = load_session(session) if regions is None else _with_regions(load_session(session), regions)
     named: dict[CalibrationKind, Path | None] = {"noise": noise, "polarizer": polarizer}
@@ -85,12 +85,12 @@ def prepare_session(
         polarizer=found.get("polarizer"),
         chosen=chosen,
         doubts=tuple(doubt for doubt in doubts if doubt is not None),
-        picked=picked,
+        selected=picked,
     )
 
 
 def _with_regions(session: SessionFile, file: Path) -> SessionFile:
-    """Return a session that watches the regions of a file; of its own, those with other names stay."""
+    """Return a session with the regions of a file; they replace its own regions of the same names."""
     drawn = load_regions(file)
     names = {region.name for region in drawn}
     return session.model_copy(update={"regions": [*drawn, *(own for own in session.regions if own.name not in names)]})
@@ -99,12 +99,12 @@ def _with_regions(session: SessionFile, file: Path) -> SessionFile:
 def with_target(
     session: SessionFile, noise: NoiseParameters | None, *, scene: Path | None, target_dolp_sigma: float | None
 ) -> tuple[SessionFile, tuple[str, ...]]:
-    """Return a session with the cycles that a target asks for, and what was chosen; without a target as it is."""
+    """Return a session with the cycles that reach a target, and a sentence about the choice."""
     if (scene is None) != (target_dolp_sigma is None):
         raise ConfigError("--scene and --target-dolp-sigma: give both, or neither")
     if scene is None or target_dolp_sigma is None:
         return session, ()
-    # The model of the scene is imported where it is asked for: a session without a target starts at once.
+    # The model is imported only if needed, so that a session without a target starts at once.
     from rigctl.files.scene_file import load_scene
     from rigctl.session.forecast import with_cycles_for
 
@@ -119,7 +119,7 @@ def require_takeable(
     until_ns: int | None = None,
     asks_by_hold: bool = False,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Raise every error that can be known before a device is opened; return doubts, and the sun of a simulated roof."""
+    """Raise any error that shows before a device is opened; return doubts, and the sun of a simulated roof."""
     rig_file, session = prepared.rig_file, prepared.session_file
     require_new_folder(out)
     now_ns = clock_of(rig_file).utc_ns() if at_ns is None else at_ns
@@ -149,7 +149,7 @@ def take_prepared(
     asks_by_hold: bool = False,
     trace: Trace | None = None,
 ) -> Outcome:
-    """Take a session into a new run folder; doubts about the calibrations are reported once the devices are open."""
+    """Take a session into a new run folder; report doubts about the calibrations once the devices are open."""
     clock = clock_of(prepared.rig_file)
 
     def opener() -> AbstractContextManager[Rig]:
@@ -167,13 +167,13 @@ def take_prepared(
         clock=clock,
         opener=opener,
         asks_by_hold=asks_by_hold,
-        calibrations=json.loads(json_text(prepared.picked.as_json())),
+        calibrations=json.loads(json_text(prepared.selected.as_json())),
     )
 
 
 @contextmanager
 def _open_calibrated_rig(prepared: PreparedSession, run: Path, *, clock: SessionClock) -> Iterator[Rig]:
-    """Give the open devices of a rig, once calibrations are found to be theirs; warn of what is doubtful."""
+    """Open the devices of a rig and check that the calibrations are of these devices; warn of doubts."""
     rig_file = prepared.rig_file
     with open_rig(rig_file, session_name=prepared.session_file.name, run=run, clock=clock.simulated) as rig:
         used = replace(
@@ -194,11 +194,11 @@ def _calibration_doubts(prepared: PreparedSession, used: MadeFor) -> tuple[str, 
             polarizer = read_polarizer_file(prepared.polarizer)
             doubts += require_polarizer_fits(polarizer, used, polarizer=prepared.rig_file.polarizer)
     except DataError as error:
-        if not prepared.picked.files:
+        if not prepared.selected.files:
             raise
-        picked = ", ".join(str(file) for file in prepared.picked.files.values())
+        selected = ", ".join(str(file) for file in prepared.selected.files.values())
         raise DataError(
-            f"{error}\n  picked from the store: {picked}; with camera.serial_number and stage.serial_number in the rig "
-            "file those of the right devices are picked; --noise none and --polarizer none pick none"
+            f"{error}\n  selected from the store: {selected}. State camera.serial_number and stage.serial_number in "
+            "the rig file to select those of the right devices; --noise none and --polarizer none select none"
         ) from error
     return doubts

@@ -20,21 +20,21 @@ from rigctl.runs.records import METERED_EVENT, FrameRecord
 from rigctl.runs.writer import RunWriter
 from rigctl.session.plan import Step, SunAngles, nominal_deg
 
-# A share above this may be clipped: it says only that the exposure is too long.
+# Above this share the count may be clipped, and shows only that the exposure is too long.
 _CLIPPED = 0.98
 _SHORTEN = 0.25
 _LENGTHEN_AT_MOST = 30.0
 _NEAR = 0.1
 _MOST_ROUNDS = 12
 _MS_PER_S = 1000.0
-# By polarizer angle [deg]: share of the largest count that the bright pixels reach.
+# Share of the largest count that the bright pixels reach, by polarizer angle [deg].
 Shares = Mapping[float | None, float]
 Probe = Callable[[float], Shares]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CapturedFrame:
-    """A frame with the settings and the move that it was taken with."""
+    """A frame with the settings and the move with which it was taken."""
 
     frame: Frame
     settings: CameraSettings  #: Read back when it was set.
@@ -43,8 +43,8 @@ class CapturedFrame:
     asked: tuple[float, float]  #: Requested exposure [s] and gain [dB].
     kind: FrameKind  #: What stands before the camera.
     tolerance_deg: float  #: How far the readback of the stage may be off.
-    number_before: int | None = None  #: The camera's number of the frame before, where it is known.
-    last_counts: NDArray[np.uint16] | None = None  #: The frame before.
+    number_before: int | None = None  #: The camera's number of the previous frame, if known.
+    last_counts: NDArray[np.uint16] | None = None  #: Counts of the previous frame.
     is_triggered: bool = True  #: The camera's numbers follow each other.
 
     @cached_property
@@ -68,14 +68,14 @@ class CapturedFrame:
 
     @cached_property
     def is_blank(self) -> bool:
-        """No picture came: one value, neither saturated nor the 0 of a dark."""
+        """All pixels have one value that is neither saturated nor the 0 of a dark frame: no picture came."""
         counts = self.frame.counts
         if self.kind != "scene":
             return not counts.any()
         return self.is_flat and bool(counts.flat[0] < 2**self.settings.bit_depth - 1)
 
     def parts(self, camera: CameraSection) -> tuple["CapturedFrame", ...]:
-        """Return the frame behind each place of the cell of a camera with polarizers on its pixels; else the frame."""
+        """Return the frame of each place of the cell of a camera with polarizers on its pixels; otherwise the frame."""
         if camera.mosaic_deg is None:
             return (self,)
         frame = self.frame
@@ -95,7 +95,7 @@ class CapturedFrame:
 
 
 class RigWork:
-    """A rig and its present settings: nothing is set twice."""
+    """A rig and its present settings; a setting that is already in place is not sent again."""
 
     def __init__(self, rig: Rig, rig_file: RigFile, writer: RunWriter, ask: Callable[[FrameKind], None]) -> None:
         self._rig, self._rig_file, self._writer, self._ask = rig, rig_file, writer, ask
@@ -109,7 +109,7 @@ class RigWork:
         self._angle_asked_deg: float | None = None
 
     def home(self) -> StageStatus | None:
-        """Find the stage's reference; return what the stage says then."""
+        """Search the stage's reference mark; return the status of the stage afterwards."""
         self.distrust()
         stage = self._rig.stage
         if stage is None:
@@ -119,12 +119,12 @@ class RigWork:
         return stage.status()
 
     def begin_step(self, sequence: int) -> None:
-        """Tell the rig which step comes next; where steps are parts of one exposure, which exposure."""
+        """Tell the rig the number of the next step, or of the next exposure if steps are parts of one exposure."""
         if self._rig.begin_step(sequence):
             self._number = None
 
     def present(self, kind: FrameKind) -> None:
-        """Have the object of this kind before the camera, unless it is there."""
+        """Place the object for frames of this kind before the camera, unless it is there already."""
         if kind == self._presented:
             return
         self._ask(kind)
@@ -141,7 +141,7 @@ class RigWork:
         """Return a frame at an exposure and an angle; None leaves the polarizer where it is."""
         settings = self._configured(exposure_s)
         is_new_move = self._turn(polarizer_angle_deg)
-        before, self._number = self._number, None  # a picture that does not come may have a number
+        before, self._number = self._number, None  # a picture that does not arrive may have used a number
         try:
             frame = self._rig.camera.take_frame(timeout_s=settings.exposure_s + self._rig_file.camera.timeout_s)
         except DeviceError as error:
@@ -162,7 +162,7 @@ class RigWork:
         )
 
     def capture_parts(self, *, exposure_s: float) -> dict[float, CapturedFrame]:
-        """Return a frame behind each axis of the cell of a camera with polarizers on its pixels, of one exposure."""
+        """Return one frame for each axis of a camera with polarizers on its pixels, all of one exposure."""
         captured = self.capture(exposure_s=exposure_s, polarizer_angle_deg=None)
         axes_deg = self._rig_file.cell_deg or ()
         return dict(zip(map(nominal_deg, axes_deg), captured.parts(self._rig_file.camera), strict=True))
@@ -193,7 +193,7 @@ class RigWork:
 
 
 class RoundExposures:
-    """Meters each round once."""
+    """Exposures of steps; each round is metered once."""
 
     def __init__(
         self,
@@ -218,7 +218,7 @@ class RoundExposures:
         return self._metered_s[step.round] * step.exposure_factor
 
     def proposed_s(self, captured: CapturedFrame, polarizer_angle_deg: float | None) -> float | None:
-        """Return the exposure that serves where a frame is far too bright [s]; None where it cannot be found."""
+        """Return a suitable exposure after a frame was far too bright [s]; None if none is found."""
         asked_ms = captured.asked[0] * _MS_PER_S
         shorter = {"first_exposure_ms": asked_ms * _SHORTEN, "longest_ms": asked_ms}
         try:
@@ -246,7 +246,7 @@ class RoundExposures:
         return exposure_s
 
     def _bright_shares(self, exposure_s: float, angles_deg: Sequence[float | None]) -> Shares:
-        """Return the share of each angle; those of a cell of polarizers are of one exposure."""
+        """Return the share of each angle; a mosaic camera needs one exposure for all."""
         if any(step.part is not None for step in self._steps):
             parts = self._work.capture_parts(exposure_s=exposure_s)
             return {angle_deg: self._share(captured) for angle_deg, captured in parts.items()}
@@ -263,10 +263,10 @@ class RoundExposures:
 
 
 def meter(probe: Probe, section: MeteringSection) -> tuple[float, Shares, str | None]:
-    """Return the exposure that serves all angles [s], what it gives, and what one exposure cannot do here.
+    """Return the exposure for all angles [s], the share that it gives at each angle, and remarks.
 
-    The brightest angle decides. Counts need not be proportional to the exposure (black level): it repeats until the
-    share is within a tenth of its target, or the exposure is at a limit.
+    The brightest angle decides. Because of the black level, counts are not proportional to the exposure; the search
+    ends when the share is within a tenth of its target, or the exposure is at a limit.
     """
     exposure_s = section.first_exposure_ms / _MS_PER_S
     for _ in range(_MOST_ROUNDS):
@@ -289,7 +289,7 @@ def record_of(
     camera_temperature_c: float | None,
     remarks: tuple[str, ...],
 ) -> FrameRecord:
-    """Return all that is known of a frame before it is stored."""
+    """Return the record of a frame before it is stored."""
     frame, move, stage = captured.frame, captured.move, rig.stage_identity
     return FrameRecord(
         kind=step.kind,
@@ -350,7 +350,7 @@ def _remark(shares: Shares, section: MeteringSection) -> str | None:
 
 
 def _polarizer_angle_deg(step: Step, move: Move | None, rig_file: RigFile) -> float | None:
-    """Return the axis that a frame was taken behind: that of its place in the cell, or by the stage's readback."""
+    """Return the polarizer axis of a frame: of its place in the cell, or by the stage's readback."""
     if step.part is not None and rig_file.cell_deg is not None:
         return rig_file.cell_deg[step.part]
     if move is None:

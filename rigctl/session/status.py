@@ -1,4 +1,4 @@
-"""State of a session: the file ``status.json`` that it writes into its run, in words, and the state by its events."""
+"""Status of a session: the file ``status.json`` in its run, the same as text, and the state by its events."""
 
 import json
 import math
@@ -27,7 +27,7 @@ _SIGNS = "+/-"
 
 
 class DarkSource(StrEnum):
-    """Where a dark level comes from, as the file has it."""
+    """Source of a dark level, as in the file."""
 
     FRAMES = "dark frames"
     CALIBRATION = "calibration"
@@ -54,7 +54,7 @@ class RegionPolarization:
 
     @property
     def has_angle(self) -> bool:
-        """The angle is known to better than all that there are, as far as its deviation is known."""
+        """True if there is an angle, and its deviation is unknown or below 180 deg."""
         sigma_deg = 0.0 if self.aolp_sigma_deg is None else self.aolp_sigma_deg
         return self.aolp_deg is not None and bool(aolp_is_defined(math.radians(sigma_deg)))
 
@@ -87,7 +87,7 @@ class RegionDrift:
 
 @dataclass(frozen=True, kw_only=True)
 class LiveDiagnosis:
-    """Faults that the last whole cycle shows, the strongest first, or the reason why it can show none."""
+    """Faults that the last complete cycle shows, the strongest first, or the reason why none can be found."""
 
     terms: tuple[Fault, ...]
     first: str | None
@@ -97,7 +97,7 @@ class LiveDiagnosis:
 @with_config(ConfigDict(allow_inf_nan=False))
 @dataclass(frozen=True, kw_only=True)
 class LiveContent:
-    """Numbers of the last whole cycle."""
+    """Numbers of the last complete cycle."""
 
     angles: dict[str, AngleNumbers]  #: By the polarizer's angle as text.
     cycle: dict[str, float | None] | None = None  #: Its `round`, `cycle` and `exposure_ms`.
@@ -117,8 +117,8 @@ class LiveStatus:
     frames_planned: int
     frames: int
     written_utc: str = ""
-    #: The frame that was stored last: `sequence`, `kind`, `cycle`, `angle_deg`. None before the first frame, like the
-    #: three that follow.
+    #: The last stored frame: `sequence`, `kind`, `cycle`, `angle_deg`. None before the first frame, like the next three
+    #: fields.
     last: dict[str, JsonValue] | None = None
     remaining_s: Annotated[float, Field(ge=-LARGEST, le=LARGEST)] | None = None
     end_utc: str | None = None
@@ -129,10 +129,10 @@ _STATUS, _NUMBERS = TypeAdapter(LiveStatus), TypeAdapter(LiveContent)
 
 
 def session_state(process: int | None, events: Sequence[RunEvent]) -> State:
-    """Return the state of a session by its events and the process that writes into its run.
+    """Return the state of a session from its events and the process that writes into its run.
 
-    With a process it is "running", "holding" or "waiting" for a round; without, "finished", "stopped" on request, or
-    "interrupted".
+    With a process, the state is "running", "holding" or "waiting" (for a round). Without one it is "finished",
+    "stopped" (on request) or "interrupted".
     """
     last = next((event.event for event in reversed(events) if event.event not in _ASIDE), "")
     if process is not None:
@@ -143,14 +143,14 @@ def session_state(process: int | None, events: Sequence[RunEvent]) -> State:
 
 
 def status_json(status: LiveStatus) -> dict[str, JsonValue]:
-    """Return a status as the file has it: without progress and numbers before the first frame."""
+    """Return the content of the file: without progress and numbers before the first frame."""
     content = asdict(status)
     numbers = content.pop("numbers") or {}
     return {key: value for key, value in content.items() if value is not None} | numbers
 
 
 def write_status(run: Path, status: LiveStatus) -> None:
-    """Replace the status in one step, without waiting for the disk: after a power cut it has no value."""
+    """Replace the file in one step, without flushing it: after a power cut it has no value."""
     beside = run / f".{STATUS_FILE}"
     beside.write_text(json.dumps(status_json(status), allow_nan=False) + "\n", encoding="ascii")
     beside.replace(run / STATUS_FILE)
@@ -173,7 +173,7 @@ def read_status(run: Path) -> LiveStatus | None:
 
 
 def live_lines(live: LiveContent) -> Iterator[str]:
-    """Yield the numbers of a session's last cycle in words, line by line."""
+    """Yield the lines of text on the last cycle of a session."""
     for angle, numbers in live.angles.items():
         yield f"{angle:>6} deg    {_of_angle(numbers)}"
     if live.sum_rule is not None:

@@ -1,4 +1,4 @@
-"""Takes a session into its run folder, and resumes it. Devices that are lost meanwhile are opened again."""
+"""Takes a session into its run folder, and resumes it. Lost devices are opened again."""
 
 import hashlib
 import sys
@@ -39,10 +39,10 @@ from rigctl.session.plan import Step, plan_steps, round_times_ns, step_times_ns
 from rigctl.session.status import LiveContent, LiveStatus, live_lines, write_status
 from rigctl.session.timing import SessionClock, SessionContext, clock_of
 
-# What decides the numbers in a run; their versions go into it.
+# Packages that determine the numbers in a run; it stores their versions.
 _PACKAGES = ("rigctl", "numpy", "pyserial")
 _ANGLE_TOLERANCE_DEG = 1e-6
-# File systems flush a file that replaces another: that costs as much as a frame, and nobody looks more often.
+# File systems flush a file that replaces another, which costs as much as storing a frame; this is often enough.
 _TELL_EACH_S = 1.0
 _RECONNECT_PAUSE_S = 2.0
 
@@ -53,11 +53,11 @@ Opener = Callable[[], AbstractContextManager[Rig]]
 class Outcome:
     """End of a session."""
 
-    frames: int  #: How many frames the run has now, and how many the session asks for.
+    frames: int  #: Number of frames in the run, and in the session.
     planned: int
     is_finished: bool  #: False if a stop was requested.
-    repair: Repair | None = None  #: Of the run before it was resumed.
-    was_finished: bool = False  #: There was nothing left to take.
+    repair: Repair | None = None  #: Repair of the run before it was resumed.
+    was_finished: bool = False  #: Nothing was left to take.
 
 
 def take_session(
@@ -132,7 +132,7 @@ def resume_session(
 
 
 def require_person(steps: Sequence[Step], *, are_asked: bool) -> None:
-    """Refuse a session that needs a person at the rig if there is no terminal to ask at."""
+    """Raise ConfigError if a session needs a person at the rig and there is no terminal."""
     kinds = sorted({step.kind for step in steps})
     if not are_asked and len(kinds) > 1 and not sys.stdin.isatty():
         raise ConfigError(
@@ -142,7 +142,7 @@ def require_person(steps: Sequence[Step], *, are_asked: bool) -> None:
 
 
 class Watch:
-    """Progress bar and status.json of a session. A context manager: the bar is shown meanwhile."""
+    """Progress bar and status.json of a session. The bar is shown while the context lasts."""
 
     def __init__(
         self,
@@ -177,7 +177,7 @@ class Watch:
         self._screen.stop()
 
     def begin(self, *, left: int) -> None:
-        """Begin to take so many steps."""
+        """Begin with this number of steps."""
         done = len(self._steps) - left
         self._bar.update(self._task, completed=done)
         self._tell(frames=done)
@@ -195,7 +195,7 @@ class Watch:
             self._status = replace(self._status, frames=frames)
 
     def _numbers(self) -> LiveContent | None:
-        """Return the live numbers; None if they cannot be computed: an error here costs no frame."""
+        """Return the live numbers; None if they cannot be computed, because an error here must not cost a frame."""
         try:
             return self._live.content()
         except Exception as error:
@@ -210,7 +210,7 @@ class Watch:
         return Group(self._bar, Text(visible(lines)))
 
     def _progress(self, step: Step) -> dict[str, Any]:
-        """Return the remaining time: that of the plan from this step to the last one."""
+        """Return the progress, with the remaining time by the plan."""
         now_ns = self._clock.utc_ns()
         end_ns = now_ns + self._planned_ns[-1] - self._planned_ns[step.sequence]
         if self._steps[-1].due_ns is not None:
@@ -258,7 +258,7 @@ class _Taking:
         notify: NotifySection | None,
         repair: Repair | None = None,
     ) -> Outcome:
-        """Take the steps that are left into the run that `begun` makes or opens; return how the session ended."""
+        """Take the remaining steps into the run that `begun` makes or opens; return how the session ended."""
         with notices(notify, self._run) as notifier, ExitStack() as devices:
             rig = devices.enter_context(self._opener())
             require_person(left, are_asked=rig.origin != "device" or self._context.asks_by_hold)
@@ -308,7 +308,7 @@ class _Taking:
         return rig
 
     def _wait_or_give_up(self, error: Exception) -> None:
-        """Note that a device is lost; raise the error if it is not back in time."""
+        """Wait for a lost device; raise the error if it is not back in time."""
         clock, locks = self._context.clock, self._context.interlocks
         now_s = clock.monotonic_ns() / NS_PER_S
         frames = len(read_run(self._run).frames)
@@ -328,11 +328,11 @@ class _Taking:
 def _description(
     rig: Rig, rig_file: RigFile, session: SessionFile, files: dict[str, Path], inputs: dict[str, bytes]
 ) -> dict[str, JsonValue]:
-    """Return everything that explains the origin of the run, as JSON."""
+    """Return the origin of the run, as JSON."""
     scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
     names = {what: path.name for what, path in (files | scene).items()}
     stage = {} if rig.stage_identity is None else {"stage": vars(rig.stage_identity)}
-    # Where the rig file stands, its store of calibrations beside it; the key says that it is no business of others.
+    # Folder of the rig file, next to which is its store of calibrations. The key marks it as private.
     place = {"host_folder": str(files["rig"].absolute().parent)} if "rig" in files else {}
     light = {} if rig.light is None else {"simulated_light": asdict(rig.light)}
     return {
@@ -354,7 +354,7 @@ def _description(
 
 
 def _facts_of(camera: Camera) -> dict[str, JsonValue] | None:
-    """Return the facts of a camera and its features under its own names, if it states them."""
+    """Return the facts of a camera, with its features under their own names if it lists them."""
     if not isinstance(camera, ReportingCamera):
         return None
     facts = camera.facts()
@@ -380,7 +380,7 @@ def _require_planned(record: FrameRecord, step: Step | None) -> None:
         return
     wanted = "no such step" if step is None else f"{step.kind} at {step.polarizer_angle_deg} deg"
     raise RunFolderError(
-        f"{record.file}: is {record.kind} at {record.polarizer_angle_target_deg} deg, and the plan has {wanted} in its "
+        f"{record.file}: is {record.kind} at {record.polarizer_angle_target_deg} deg, but the plan has {wanted} in its "
         "place: this run was not made by this session"
     )
 
@@ -393,7 +393,7 @@ def _is_same_angle(record: FrameRecord, step: Step) -> bool:
 
 
 def _notices_of(run: Run) -> NotifySection | None:
-    """Return [notify] of the rig file as it is now: a run folder keeps no addresses."""
+    """Return [notify] of the present rig file, because a run folder stores no addresses."""
     stated: Any = run.session_json
     if not stated.get("has_notices"):
         return None
@@ -406,13 +406,13 @@ def _notices_of(run: Run) -> NotifySection | None:
 
 
 def _last_ns(run: Run) -> int | None:
-    """Return when the last frame of a run ended; None where it has none [ns since 1970 UTC]."""
+    """Return when the last frame of a run ended [ns since 1970 UTC]; None without frames."""
     ends = [frame.end_utc for frame in run.frames if frame.end_utc is not None]
     return unix_ns(utc_moment(max(ends))) + NS_PER_S if ends else None
 
 
 def _require_same_devices(rig: Rig, run: Run) -> None:
-    """Raise NotConnectedError unless the devices are those with which a run began."""
+    """Raise NotConnectedError if the devices are not those with which a run began."""
     found: dict[str, DeviceIdentity | None] = {"stage": rig.stage_identity, "camera": rig.camera_identity}
     for what, identity in found.items():
         if identity is None:
@@ -426,7 +426,7 @@ def _require_same_devices(rig: Rig, run: Run) -> None:
 
 
 def _close_again(path: Path, clock: SessionClock) -> None:
-    """Close a run that had finished over the frames as they are now, where a repair has made its manifest again."""
+    """Close a finished run again after a repair has rewritten its manifest."""
     if wholeness(path, read_contents(path))[0] == "whole":
         return
     with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:

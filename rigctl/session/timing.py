@@ -1,4 +1,4 @@
-"""Clocks and waits of a session, and the context that it runs in. Tests pass other clocks."""
+"""Clocks, waits and context of a session. Tests pass other clocks."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -16,7 +16,7 @@ from rigctl.session.control import Control
 from rigctl.session.numbers import LiveNumbers, RegionMeans
 from rigctl.session.plan import Step, SunTrack
 
-# Waiting costs nothing in simulated time, looking for requests does.
+# In simulated time waiting costs nothing, but looking for requests does.
 _SIMULATED_POLL_S = 60.0
 _POLL_S = 0.5
 _S_PER_MIN = 60.0
@@ -33,22 +33,22 @@ def _clock_problem() -> str | None:
 class SessionClock:
     """The host's clocks, and a pause."""
 
-    #: Time since 1970 (UTC), which a person may set; time that never jumps [ns].
+    #: Time since 1970 (UTC), which may be set; and time that never jumps [ns].
     utc_ns: Callable[[], int] = time.time_ns
     monotonic_ns: Callable[[], int] = time.monotonic_ns
-    sleep: Callable[[float], None] = time.sleep  #: Pauses for so many seconds.
-    #: Problem of the first clock, such as "not synchronised"; None without a problem.
+    sleep: Callable[[float], None] = time.sleep  #: Pauses for a number of seconds.
+    #: Returns a problem of the UTC clock, such as "not synchronised", or None.
     problem: Callable[[], str | None] = _clock_problem
-    #: How far the first of them may be off, as the system says [s]; None where nothing synchronises it.
+    #: Returns the largest error of the UTC clock by the system [s]; None if nothing synchronises it.
     utc_error_s: Callable[[], float | None] = host_checkup.utc_error_s
-    #: Pauses while a person is waited for, if `sleep` only moves a simulated clock.
+    #: Pauses while waiting for a person, if `sleep` only moves a simulated clock.
     rest: Callable[[float], None] | None = None
     poll_s: float = 0.5  #: How often a wait looks for requests [s].
     simulated: SimulatedClock | None = None  #: The clock of a simulated rig that has its own.
 
 
 def clock_of(rig_file: RigFile, *, after_ns: int | None = None) -> SessionClock:
-    """Return the clocks that a session on a rig lives by: the host's, or those of its simulation."""
+    """Return the clocks of a session: the host's, or those of the rig's simulation."""
     section = rig_file.simulation
     if section is None or section.clock is None:
         return SessionClock()
@@ -66,9 +66,9 @@ def clock_of(rig_file: RigFile, *, after_ns: int | None = None) -> SessionClock:
 
 
 class SteadyUtc:
-    """UTC as it was when the session began, carried on by the monotonic clock.
+    """UTC at the beginning of the session, continued by the monotonic clock.
 
-    Otherwise a host's clock that is set during a session would stall its schedule or rush through it.
+    Setting the host's clock during a session would otherwise disturb its schedule.
     """
 
     def __init__(self, clock: SessionClock) -> None:
@@ -77,7 +77,7 @@ class SteadyUtc:
         self._seen_offset_ns = self._offset_ns
 
     def now_ns(self) -> int:
-        """Return the time since 1970 by the clock as it was at the beginning [ns]."""
+        """Return the steady UTC [ns since 1970]."""
         return self.at_ns(self._clock.monotonic_ns())
 
     def at_ns(self, monotonic_ns: int) -> int:
@@ -85,14 +85,14 @@ class SteadyUtc:
         return monotonic_ns + self._offset_ns
 
     def jump_s(self) -> float:
-        """Return the jump of the host's clock since the last call [s]; slow drift counts too."""
+        """Return the jump of the host's clock since the last call [s], including slow drift."""
         offset_ns = self._clock.utc_ns() - self._clock.monotonic_ns()
         jump_ns, self._seen_offset_ns = offset_ns - self._seen_offset_ns, offset_ns
         return jump_ns / NS_PER_S
 
 
 class SessionContext:
-    """The parts that a session shares, made from its session file and the rig."""
+    """Objects that the parts of a session share."""
 
     def __init__(
         self,
@@ -106,9 +106,9 @@ class SessionContext:
         asks_by_hold: bool,
     ) -> None:
         self.clock, self.control = clock, control  #: The host's clocks, and requests.
-        self.utc = SteadyUtc(clock)  #: The time by which the session began.
+        self.utc = SteadyUtc(clock)  #: UTC at the beginning of the session, continued.
         self.interlocks, self.metering = session.interlocks, session.metering
-        #: A round that begins later than this after it was due is left out [s].
+        #: A round that would begin later than this after its due time is left out [s].
         self.late_s = _LATE_S if session.schedule is None else session.schedule.late_min * _S_PER_MIN
         self.until_ns = until_ns  #: No frame begins after this [ns since 1970 UTC].
         self.sun = None if rig_file.site is None else SunTrack(rig_file.site)
@@ -119,9 +119,9 @@ class SessionContext:
             extinction_ratio=rig_file.polarizer.extinction_ratio,
             reference=session.reference_region or PICTURE,
         )
-        #: Exposures that earlier parts of this session have metered, by round [s].
+        #: Exposures metered earlier in this session, by round [s].
         self.metered_s: Mapping[int, float] = {}
-        #: Where a person is needed the session holds until it is continued; else it asks at the terminal.
+        #: True: where a person is needed, the session holds until it is continued. False: it asks at the terminal.
         self.asks_by_hold = asks_by_hold
 
 
@@ -130,28 +130,28 @@ class StopAskedError(Exception):
 
 
 class Pause:
-    """The places at which a session may stand still."""
+    """Holds, waits and requests of a session."""
 
     def __init__(self, control: Control, clock: SessionClock, note: Note) -> None:
         self._control, self._clock, self._note = control, clock, note
         self._is_loss_noted = False
 
     def answer(self) -> None:
-        """Hold or stop if that was requested; each request is answered by an event."""
+        """Hold or stop if requested; each request is answered by an event."""
         if self._polled() == "hold":
             self.hold("requested", cleared=lambda: False)
 
     def hold(self, reason: str, *, cleared: Callable[[], bool]) -> None:
-        """Hold until the reason has gone, or the session is continued."""
+        """Hold until `cleared` returns True, or the session is continued."""
         self._note("hold", reason=reason)
         warn(f"holding: {reason}")
         rest = self._clock.rest or self._clock.sleep
-        while not cleared() and self._polled() != "go on":
+        while not cleared() and self._polled() != "continue":
             rest(_POLL_S)
-        self._note("go on")
+        self._note("continue")
 
     def wait(self, remaining_s: Callable[[], float]) -> None:
-        """Return once no time remains [s]; requests are answered meanwhile."""
+        """Return once no time remains [s]; answer requests meanwhile."""
         while (left_s := remaining_s()) > 0.0:
             self._clock.sleep(min(left_s, self._clock.poll_s))
             self.answer()
@@ -174,7 +174,7 @@ class Pause:
 
 
 class Timing:
-    """The schedule at work: waits for rounds, and leaves out those that are missed."""
+    """Waits for the rounds of a schedule, and leaves out those that are missed."""
 
     def __init__(self, context: SessionContext, pause: Pause, writer: RunWriter) -> None:
         self._context, self._utc, self._pause, self._writer = context, context.utc, pause, writer

@@ -41,7 +41,7 @@ def paper(
     """Reproduce the figures of Meng & Kerekes 2014, and judge each statement of the text about them.
 
     Verdicts are: holds, opposite, saturated at 1 (every target is detected), needs unpublished data, noise floor,
-    ambiguous (readings of the sentence differ). The exit code is 0 whatever the verdicts.
+    ambiguous (some readings of the sentence hold). The exit code is 0 whatever the verdicts.
 
     Example: rigctl paper --out paper
 

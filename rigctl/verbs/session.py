@@ -257,7 +257,7 @@ def resume(run: RunPath, /, *, ask: Ask = "terminal") -> "SessionResult":
     with outliving_terminal():
         process = writing_process(folder)
         if process is not None:
-            ask_process(folder, process, "go on")
+            ask_process(folder, process, "continue")
             return SessionResult(path=folder, process=process)
         from rigctl.files.rig_file import unset_polarizer
         from rigctl.runs.folder import read_run

@@ -68,7 +68,7 @@ class Sessions:
         """Return frames, time and disk of a session in words; or raise what refuses it."""
         prepared = prepare_session(Path(self._rig), self._file(name), regions=self.regions if self.drawn() else None)
         doubts, light = require_takeable(prepared, self._new_run(name), asks_by_hold=True)
-        return "\n".join([_need_text(name, prepared), *prepared.picked.lines, *prepared.doubts, *doubts, *light])
+        return "\n".join([_need_text(name, prepared), *prepared.selected.lines, *prepared.doubts, *doubts, *light])
 
     def start(self, name: str) -> str:
         """Start the session of a file in a process of its own; return the name of its run."""
@@ -83,7 +83,7 @@ class Sessions:
         run = self._run(name)
         process = writing_process(run)
         if process is not None:
-            ask_process(run, process, "go on" if what == "resume" else what)
+            ask_process(run, process, "continue" if what == "resume" else what)
         elif what == "resume":
             self._spawn("resume", str(run), log=run)
         else:

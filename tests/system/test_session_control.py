@@ -54,7 +54,7 @@ def test_status_hold_resume_and_stop_by_command(running):
     assert held["live"]["frames_planned"] == 4000
     assert held["live"]["remaining_s"] > 0
     assert rigctl("resume", run).returncode == 0
-    wait_for(lambda: '"go on"' in _events(run))
+    wait_for(lambda: '"continue"' in _events(run))
     wait_for(lambda: frames_on(run) > held["frames"] + 4)
     assert set(_status(run)["live"]["angles"]) == {"0", "45", "90", "135"}
     assert rigctl("stop", run).returncode == 0
@@ -69,8 +69,8 @@ def test_signals_hold_and_go_on(running):
     process.send_signal(signal.SIGUSR1)
     wait_for(lambda: '"hold"' in _events(run))
     process.send_signal(signal.SIGUSR2)
-    wait_for(lambda: '"go on"' in _events(run))
-    assert _events(run).index('"hold"') < _events(run).index('"go on"')
+    wait_for(lambda: '"continue"' in _events(run))
+    assert _events(run).index('"hold"') < _events(run).index('"continue"')
 
 
 @pytest.mark.slow

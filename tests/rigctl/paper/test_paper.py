@@ -6,7 +6,7 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.paper.scenes import Number
-from rigctl.paper.statements import Reading, above, falls, peak_within, some_step_rises, statements
+from rigctl.paper.statements import Judged, Reading, above, falls, peak_within, some_step_rises, statements
 
 # Least number of statements about each figure.
 LEAST = {"5": 1, "7": 1, "8": 2, "9": 5, "10": 2, "11": 1, "12": 2, "13": 3, "14": 2, "15": 1}
@@ -36,6 +36,20 @@ def test_one_reversed_inequality_refutes_a_reading():
     reading = Reading(name="falls", tests=falls([number(3.0), number(1.0), number(2.0)]))
     assert reading.verdict == "opposite"
     assert reading.deciding.margin == -1.0
+
+
+@pytest.mark.parametrize(
+    ("others", "verdict"),
+    [
+        ([above(number(1.92, kind="exact_snr"), number(1.95, kind="exact_snr"))], "opposite"),
+        ([above(number(2.0), number(1.0))], "ambiguous"),
+        ([above(number(1.0, error=0.1), number(1.1, error=0.1))], "ambiguous"),
+    ],
+)
+def test_a_sentence_with_a_reversed_reading_is_opposite_unless_another_may_hold(others, verdict):
+    tests = [above(number(1.0), number(2.0)), *others]
+    readings = tuple(Reading(name=str(k), tests=(test,)) for k, test in enumerate(tests))
+    assert Judged(statement=statements()[0], materials="library", readings=readings).verdict == verdict
 
 
 def test_a_reading_without_numbers_needs_unpublished_data():
@@ -77,7 +91,7 @@ def test_points_of_the_paper_are_drawn_over_and_bad_ones_refused(tmp_path, capsy
 def test_estimators_are_shown_with_bias_and_rms_error(tmp_path, capsys):
     assert main(["paper", "--estimators", "--json", "--out", str(tmp_path / "out")]) == 0
     content = json.loads(capsys.readouterr().out)
-    # Unpolarised light: the naive estimate is biased by sqrt(pi / 2), its rms error is sqrt 2 (Rice with no signal).
+    # Unpolarized light: the naive estimate is biased by sqrt(pi / 2), its rms error is sqrt 2 (Rice with no signal).
     assert abs(content["naive"]["bias"][0] - 1.2533141373155) < 1e-9
     assert abs(content["naive"]["rms"][0] - 1.4142135623731) < 1e-9
     assert (tmp_path / "out" / "estimators.png").exists()

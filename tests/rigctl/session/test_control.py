@@ -7,7 +7,7 @@ import pytest
 from rigctl.session.control import Control, ask
 from tests.rigctl.session.made_rig import MadeWorld, events_of, take_watched
 
-REQUESTS = ("hold", "go on", "stop")
+REQUESTS = ("hold", "continue", "stop")
 
 
 def test_requests_of_one_moment_are_answered_in_their_order(tmp_path):

@@ -79,7 +79,7 @@ def test_light_is_divided_by_a_sensor_that_follows_it():
         (["homed", "stopped", "resumed", "homed", "interlock"], False, "interrupted"),
         (["homed"], True, "running"),
         (["homed", "hold", "interlock"], True, "holding"),
-        (["homed", "hold", "go on"], True, "running"),
+        (["homed", "hold", "continue"], True, "running"),
         (["homed", "hold", "devices opened again", "camera tally"], True, "running"),
         (["homed", "waiting"], True, "waiting"),
         (["homed", "waiting", "round"], True, "running"),

@@ -144,10 +144,10 @@ def test_hold_waits_until_the_session_is_continued_or_the_reason_has_gone(tmp_pa
         world.camera.temperature_c = 70.0
         due_ns = after(world, 60, lambda: setattr(world.camera, "temperature_c", 40.0))
     else:
-        due_ns = after(world, 60, lambda: ask(tmp_path / "run", "go on"))
+        due_ns = after(world, 60, lambda: ask(tmp_path / "run", "continue"))
     take_watched(world, tmp_path, **{name: "hold"})
     names = names_of(tmp_path)
-    assert names.index("hold") < names.index("go on")
+    assert names.index("hold") < names.index("continue")
     assert world.time.monotonic_ns > due_ns
     assert_whole(tmp_path)
 
@@ -165,7 +165,7 @@ def test_a_first_frame_that_is_far_too_bright_holds_with_a_proposal_until_it_is_
 
     def stop_down():
         world.camera._dn_per_s = 1000.0
-        ask(tmp_path / "run", "go on")
+        ask(tmp_path / "run", "continue")
 
     due_ns = after(world, 60, stop_down)
     take_watched(world, tmp_path, exposure="hold")
@@ -433,7 +433,7 @@ def test_a_disk_that_is_nearly_full_holds_until_there_is_room(tmp_path, monkeypa
     free_bytes(monkeypatch, (mb * 1_000_000 for mb in [500, 500, 100, 100, 100, 100, *[500] * 100]))
     take_watched(MadeWorld(), tmp_path, disk_free_mb=200)
     assert trips_of(tmp_path) == [("disk", "hold")]
-    assert "go on" in names_of(tmp_path)
+    assert "continue" in names_of(tmp_path)
     assert_whole(tmp_path)
 
 

@@ -50,7 +50,7 @@ def test_each_state_of_a_session_is_shown(tmp_path: Path) -> None:
         assert reader.look()["state"] == "live"
         writer.event("hold", reason="Cover the lens")
         assert (reader.look()["state"], reader.look()["advice"][:14]) == ("holding", "Cover the lens")
-        writer.event("go on")
+        writer.event("continue")
         assert reader.look()["state"] == "live"
         for file in path.iterdir():
             os.utime(file, (1e9, 1e9))
