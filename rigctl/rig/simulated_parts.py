@@ -1,4 +1,4 @@
-"""Parts of a simulated rig as its rig file states them: clock, camera address, lens, noise, stage, world, camera.
+"""Parts of a simulated rig, made from its rig file: clock, camera address, lens, noise, stage, world, camera.
 
 The address of a simulated camera carries options after a question mark: the log of what is true of its frames
 (``truth=FILE``), polarizers on its pixels, and faults of a camera on the network::
@@ -71,16 +71,16 @@ from sim_devices.stages.stage import SimulatedStage
 from sim_devices.truth_log import TruthLog
 from sim_devices.world import Polarizer, Surface, World, paint_scene
 
-# A camera at this address is on the network, at the address of this machine.
+# A camera at this address is served on the network, at an address of this machine.
 ON_NETWORK = "sim:gige"
 THIS_MACHINE = "127.0.0.1"
 # A camera with polarizers on its pixels.
 MOSAIC = "sim:mosaic"
-# The camera that `rigctl sim camera` serves to other programs; no rig file names it.
+# The camera that `rigctl sim camera` serves to other programs; rig files do not use it.
 SERVED = "sim:served"
 _PLAIN = "sim:gc780"
 _SIMULATED = (_PLAIN, ON_NETWORK, MOSAIC)
-# Option of an address: field, how its text is read, the allowed values, and these in words.
+# Option of an address: field, function that reads its text, check of the value, and a text on allowed values.
 _Key = tuple[str, Callable[[str], Any], Callable[[Any], bool], str]
 
 
@@ -125,23 +125,23 @@ _FAULTS: dict[str, _Key] = {
         "whole number of nanoseconds, a second at most",
     ),
 }
-# The table of the camera in a rig file, and its line of the defocus.
+# The camera's table in a rig file, and its line with the defocus.
 _TABLE = re.compile(r"^\[simulation\.camera\][^\n]*\n(?:(?!\[)[^\n]*(?:\n|\Z))*", re.MULTILINE)
 _LINE = re.compile(r"^(defocus_mm\s*=\s*)[^#\r\n]*?([ \t]*#[^\r\n]*)?(\r?)$", re.MULTILINE)
 _UM_PER_MM, _MM_PER_M = 1e3, 1e3
-# Events with which a session begins again.
+# Events after which a session begins again.
 _BEGINNINGS = ("resumed", "devices opened again")
-# More pictures than are taken between two beginnings, damaged ones and those of a free-running camera included.
+# More than the pictures between two beginnings, including damaged ones and those of a free-running camera.
 _NUMBERS_EACH = 10_000_000
-# Effects that move or blur light before it meets polarizers on the pixels.
+# Effects that move or blur the light before it reaches polarizers on the pixels.
 _BEFORE_POLARIZERS = ("point-spread", "beam-wander")
-# Second number of a seed sequence, so that no two uses of a rig's seed share a stream.
+# Second number of a seed sequence: each use of a rig's seed has a stream of its own.
 TEXTURE_STREAM = 1
 FloatArray = NDArray[np.float64]
 
 
 class SimulatedClock:
-    """A clock that is moved on instead of waited for."""
+    """A clock that waits by moving on."""
 
     def __init__(self, start_ns: int) -> None:
         self._now_ns = start_ns
@@ -153,16 +153,16 @@ class SimulatedClock:
             return self._now_ns
 
     def monotonic_ns(self) -> int:
-        """Return the time since 1970 UTC: nobody sets this clock [ns]."""
+        """Return the time since 1970 UTC [ns]; this clock is never set."""
         return self.utc_ns()
 
     def sleep(self, duration_s: float) -> None:
-        """Move the time on by so much [s]; return at once."""
+        """Move the time on by a duration [s]; return at once."""
         with self._lock:
             self._now_ns += max(0, round(duration_s * NS_PER_S))
 
     def reach(self, time_ns: int) -> None:
-        """Move the time on to this point [ns], unless it has gone by."""
+        """Move the time on to a point [ns], unless it has passed."""
         with self._lock:
             self._now_ns = max(self._now_ns, time_ns)
 
@@ -185,7 +185,7 @@ def require_known_camera(address: str, *, is_mosaic: bool = False) -> None:
 
 
 def split_truth(address: str) -> tuple[str, TruthLog | None]:
-    """Return an address without its truth option, and the log that this option asks for."""
+    """Return an address without its truth option, and the log of that option."""
     name, _, options = address.partition("?")
     found, rest = _split(options, _TRUTH)
     plain = f"{name}?{rest}" if rest else name
@@ -198,7 +198,7 @@ def split_truth(address: str) -> tuple[str, TruthLog | None]:
 
 
 def split_polarizers(options: str) -> tuple[MicroPolarizers, str]:
-    """Return the polarizers on the pixels that options of an address describe, and the other options."""
+    """Return the polarizers on the pixels that an address describes, and the other options."""
     found, rest = _split(options, _POLARIZERS)
     try:
         return MicroPolarizers(**found), rest
@@ -207,7 +207,7 @@ def split_polarizers(options: str) -> tuple[MicroPolarizers, str]:
 
 
 def split_faults(options: str) -> tuple[GigeFaults, str]:
-    """Return the faults that options of an address ask for, and the other options."""
+    """Return the faults that an address states, and the other options."""
     found, rest = _split(options, _FAULTS)
     clock = {name: found.pop(name) for name in ("drift_ppm", "ptp_offset_ns") if name in found}
     if clock:
@@ -216,7 +216,7 @@ def split_faults(options: str) -> tuple[GigeFaults, str]:
 
 
 def _split(options: str, keys: Mapping[str, _Key]) -> tuple[dict[str, Any], str]:
-    """Return the values of known options by the names of their fields, and the options that are not known."""
+    """Return the values of known options by field, and the unknown options."""
     values: dict[str, Any] = {}
     rest, problems = [], []
     for option in filter(None, options.split("&")):
@@ -240,7 +240,7 @@ def _split(options: str, keys: Mapping[str, _Key]) -> tuple[dict[str, Any], str]
 
 
 class LensPosition:
-    """The focus of a simulated lens, as its rig file states it now."""
+    """The focus of a simulated lens, read again whenever its rig file changes."""
 
     def __init__(self, simulation: SimulationSection) -> None:
         self._file = simulation.file
@@ -248,7 +248,7 @@ class LensPosition:
         self._seen = self._state()
 
     def defocus_m(self) -> float:
-        """Return the distance of the detector behind the focus [m]; the one before if the file cannot be read."""
+        """Return the distance of the detector behind the focus [m]; the last known one if the file cannot be read."""
         state = self._state()
         if state != self._seen and self._file is not None:
             self._seen = state
@@ -256,7 +256,7 @@ class LensPosition:
         return self._defocus_mm / _MM_PER_M
 
     def _state(self) -> tuple[int, int] | None:
-        """Return what changes when the file is written."""
+        """Return numbers that change when the file is written."""
         try:
             found = None if self._file is None else self._file.stat()
         except OSError:
@@ -274,9 +274,9 @@ def _stated_mm(file: Path, before_mm: float) -> float:
 
 
 def turn_lens(rig: Path, *, defocus_mm: float) -> tuple[float, float]:
-    """Turn the lens of a simulated camera, also while it runs, by one key of its rig file; the rest of the file stays.
+    """Turn the lens of a simulated camera, even while it runs, by changing one key of its rig file.
 
-    Return the defocus before [mm], and the diameter of the disk that a point is blurred to now [pixels].
+    Return the previous defocus [mm], and the diameter of the disk to which a point is now blurred [pixels].
     """
     if not abs(defocus_mm) <= MOST_DEFOCUS_MM:
         raise ConfigError(
@@ -286,7 +286,7 @@ def turn_lens(rig: Path, *, defocus_mm: float) -> tuple[float, float]:
     if simulation is None:
         raise ConfigError(f"{rig}: has no [simulation]: the lens of a real camera is turned by hand")
     camera = simulation.camera
-    # As bytes: the ends of lines stay what they are.
+    # As bytes, to keep the ends of lines.
     text = read_bounded(rig, MOST_TEXT_BYTES).decode("utf-8")
     table = _TABLE.search(text)
     if table is None:
@@ -309,14 +309,14 @@ def _with_line(table: str, number: str) -> str:
 
 
 class NoiseNumbers:
-    """Gives each frame the number that it has in a session without an interruption."""
+    """Gives each frame the number that it would have in a session without an interruption."""
 
     def __init__(self, camera: SimCamera, run: Path | None) -> None:
         self._camera, self._run = camera, run
         self._last: int | None = None
 
     def begin_step(self, sequence: int) -> bool:
-        """Bring the camera to the number of a step; return whether its numbers jump."""
+        """Set the camera to the number of a step; return whether its numbers jump."""
         number = self._first_number(sequence) if self._last is None else self._after(sequence, self._last)
         self._last = sequence
         if number <= self._camera.next_sequence:
@@ -325,7 +325,7 @@ class NoiseNumbers:
         return True
 
     def _after(self, sequence: int, last: int) -> int:
-        """Return the number of a step: those that were left out before it use up theirs."""
+        """Return the number of a step; steps that were left out before it count, too."""
         return self._camera.next_sequence + sequence - last - 1
 
     def _first_number(self, sequence: int) -> int:
@@ -335,9 +335,9 @@ class NoiseNumbers:
 
 
 class FreshNoise:
-    """Draws new noise after each interruption, for a camera that is simulated on the network.
+    """Draws new noise after each interruption, for a simulated camera on the network.
 
-    Over the network pictures are lost and taken again, so that the noise cannot continue where it was.
+    On the network pictures are lost and taken again, so the noise cannot continue where it was.
     """
 
     def __init__(self, camera: SimCamera, run: Path | None) -> None:
@@ -345,7 +345,7 @@ class FreshNoise:
         self._has_begun = False
 
     def begin_step(self, sequence: int) -> bool:
-        """Leave the numbers of earlier parts behind, before the first step; the camera's own numbers never jump."""
+        """Skip the numbers of earlier parts before the first step; the camera's own numbers never jump."""
         if not self._has_begun and self._run is not None and self._run.is_dir():
             beginnings = sum(event.event in _BEGINNINGS for event in read_events(self._run))
             if beginnings > 0:
@@ -355,7 +355,7 @@ class FreshNoise:
 
 
 def number_after(frames: Iterable[FrameRecord], events: Iterable[RunEvent], sequence: int) -> int:
-    """Return the number that a step has in a session without an interruption."""
+    """Return the number that a step would have in a session without an interruption."""
     used = max((following for _, _, following in metered_exposures(events)), default=0)
     before = [frame for frame in frames if _place(frame) < sequence and frame.camera_frame is not None]
     if not before:
@@ -365,18 +365,18 @@ def number_after(frames: Iterable[FrameRecord], events: Iterable[RunEvent], sequ
 
 
 def _place(frame: FrameRecord) -> int:
-    """Return which exposure of the session a frame is of, from 0."""
+    """Return the number of the exposure of a frame in the session, from 0."""
     return frame.sequence if frame.exposure_id is None else frame.exposure_id // EXPOSURE_PARTS
 
 
 def stage_options(port: str, seed: int) -> StageOptions:
-    """Return the options of a simulated stage; an address without a seed gets the seed of the rig."""
+    """Return the options of a simulated stage; without a seed, the seed of the rig is added."""
     options = parse_stage_address(port)
     return options if "seed=" in port else replace(options, seed=seed)
 
 
 def on_sensor(regions: Sequence[Region], rig: RigFile, camera: SimulatedCamera) -> dict[str, NDArray[np.bool_]]:
-    """Return the pixels of the sensor in each region: regions are drawn on frames, whose pixels may be whole cells."""
+    """Return the sensor pixels of each region; regions are drawn on frames, whose pixels may be whole cells."""
     width, height = frame_size(rig, camera)
     inside = masks(list(regions), width=width, height=height)
     if (width, height) == (camera.width, camera.height):
@@ -457,12 +457,12 @@ def stated_camera(
     wrapped: Callable[[RenderingEffect], RenderingEffect] = lambda effect: effect,
     polarizers: MicroPolarizers | None = None,
 ) -> SimCamera:
-    """Return the camera before a world. `log` notes what is true of its frames; without `clock` the host's is used.
+    """Return the camera that sees a world. `log` records the truth about its frames; `clock` defaults to the host's.
 
-    `wrapped` replaces each effect of its pictures, for instance by one that is timed.
+    `wrapped` may wrap each effect of its pictures, for instance to time it.
     """
     lens, detector = _lens(simulation.camera), _detector(simulation.camera)
-    # A lens blurs light before it meets polarizers on the pixels, which is not simulated.
+    # Blur by the lens before polarizers on the pixels is not simulated.
     lens_blur = [defocus(lens, detector, defocus_m=LensPosition(simulation).defocus_m)] if polarizers is None else []
     leaks = [crosstalk(polarizers.crosstalk)] if polarizers is not None and polarizers.crosstalk else []
     blurred = [section.effect for section in simulation.effects if section.effect in _BEFORE_POLARIZERS]

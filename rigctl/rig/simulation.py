@@ -1,4 +1,4 @@
-"""A simulated rig, made from a rig file: the stage answers bytes on a port, the camera sees one world.
+"""A simulated rig, made from a rig file: a stage that answers on a port, and a camera that sees the same world.
 
 `rehearse` checks a session before it is taken; `rendering_costs` measures the time of each effect on a picture;
 `serve_stage` and `serve_rig_camera` serve simulated devices to other programs.
@@ -60,23 +60,23 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 BeginStep = Callable[[int], bool]
-# Of the background's radiance, where a session's clock begins at night: hardly a photon.
+# Share of the radiance when a session begins at night.
 _NIGHT_SHARE = 1e-6
 _EXAMPLE = "rig-sim.toml"
 _LOOK_EACH_S = 0.02
 _LOOPBACK = "127."
 _SMALLEST_CHANGE_DEG = 1e-6
-# Time from one frame to the next, for turning and storing, as in the plan of a session [s].
+# Time for turning and storing between two frames, as in the plan of a session [s].
 STEP_S = 0.42
-# Frames of which the median time is taken.
+# Number of frames of which the median time is taken.
 _TIMED_FRAMES = 9
 
 
 def rendering_costs(simulation: SimulationSection) -> tuple[tuple[tuple[str, Place, float], ...], float, int]:
     """Return the time that each effect of a rig file takes per frame.
 
-    Name, place in the chain and median time [s] of each effect in the order of the file, the median time of a whole
-    frame [s], and the number of frames. The picture is even: no effect takes more or less time for its content.
+    The result has name, place in the chain and median time [s] of each effect in the order of the file, the median time
+    of a whole frame [s], and the number of frames. The picture is uniform; the times do not depend on its content.
     """
     truth = simulation.camera
     radiance = np.zeros((3, truth.height, truth.width))
@@ -113,21 +113,21 @@ def rendering_costs(simulation: SimulationSection) -> tuple[tuple[tuple[str, Pla
 class Simulation:
     """The simulated part of a rig."""
 
-    world: World  #: What stands in front of the camera.
-    camera: SimCamera  #: Looks at it.
-    #: Pseudo-terminal on which the simulated stage answers; None where the camera has polarizers on its pixels.
+    world: World  #: The scene and the polarizer.
+    camera: SimCamera  #: The camera that sees the world.
+    #: Pseudo-terminal of the simulated stage; None for a camera with polarizers on its pixels.
     stage_port: str | None
-    #: Address of the camera for its driver, where it is served as a GigE Vision camera; None where it is not.
+    #: Address of a camera that is served as a GigE Vision camera; otherwise None.
     network_address: str | None
-    #: Called with the sequence number of each step before its first frame: it sets the noise of the frames, lets
-    #: simulated time pass and moves the light. Returns True if the numbers of the camera's frames jump there.
+    #: Called with the sequence number of each step before its first frame. Sets the noise of the frames, and moves
+    #: simulated time and light on. Returns True if the camera's frame numbers jump.
     begin_step: BeginStep
-    #: Light of a scene of materials; None if the scene file states every radiance.
+    #: Light of a scene of materials; None if the scene file states all radiances.
     light: SimulatedLight | None = None
 
 
 def with_simulation(rig: RigFile, *, clock_ns: int | None, perturb: RoofChange | None) -> RigFile:
-    """Return a rig file whose simulation has another clock, or a roof that was changed; None leaves what it says."""
+    """Return a rig file with another clock or a perturbed roof; None changes nothing."""
     if perturb is not None and rig.simulation is None:
         raise ConfigError("--perturb: only a simulated roof can be changed; this rig is real")
     if rig.simulation is None and clock_ns is None:
@@ -146,7 +146,7 @@ def with_simulation(rig: RigFile, *, clock_ns: int | None, perturb: RoofChange |
 
 
 def _not_within_program(rig: RigFile) -> tuple[str, ...]:
-    """Return the devices that are real or on the network."""
+    """Return texts on the devices that are real or on the network."""
     camera = rig.camera.address
     found = []
     if rig.stage is not None and not rig.stage.port.startswith("sim:"):
@@ -160,7 +160,7 @@ def _not_within_program(rig: RigFile) -> tuple[str, ...]:
 def simulate(
     rig: RigFile, *, session_name: str, run: Path | None = None, clock: SimulatedClock | None = None
 ) -> Iterator[Simulation]:
-    """Give the simulated stage, camera and world of a rig file until the context is left."""
+    """Make the simulated stage, camera and world of a rig file; they end when the context is left."""
     if rig.simulation is None:
         raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
     require_known_camera(rig.camera.address, is_mosaic=rig.camera.mosaic_deg is not None)
@@ -199,7 +199,7 @@ def simulate(
 
 
 def _made_stage(rig: RigFile, simulation: SimulationSection) -> tuple[SimulatedStage | None, SimClock]:
-    """Return the stage of a simulated rig and its clock; no stage where the camera has polarizers on its pixels."""
+    """Return the stage of a simulated rig and its clock; no stage for a camera with polarizers on its pixels."""
     if rig.stage is None:
         return None, SimClock(speed=1.0)
     options = stage_options(rig.stage.port, simulation.seed)
@@ -218,7 +218,7 @@ def _polarizers(rig: RigFile, address: str) -> tuple[MicroPolarizers | None, str
 
 @contextmanager
 def _serve_if_gige(address: str, camera: SimCamera) -> Iterator[str | None]:
-    """Give where a camera is served as a GigE Vision camera, until the context is left; None for another address."""
+    """Serve a camera as a GigE Vision camera if its address says so; give that address, or None."""
     scheme, _, tail = address.partition("?")
     if scheme != ON_NETWORK:
         yield None
@@ -236,7 +236,7 @@ def _serve_if_gige(address: str, camera: SimCamera) -> Iterator[str | None]:
 def _scene(rig: RigFile, *, utc_ns: Callable[[], int]) -> tuple[FloatArray, tuple["LitRoof", TexturedScene] | None]:
     """Return the radiance before the camera at the beginning [W m-2 sr-1], and the light of a scene of materials.
 
-    The second is None if the scene file states every radiance. At night the scene is dark until the first step by day.
+    The light is None if the scene file states all radiances. At night the scene is dark until the first step by day.
     """
     if rig.simulation is None:
         raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
@@ -265,9 +265,9 @@ def _scene(rig: RigFile, *, utc_ns: Callable[[], int]) -> tuple[FloatArray, tupl
 def rehearse(
     rig: RigFile, *, times_ns: Sequence[int], exposures_s: Sequence[float], regions: Sequence[Region]
 ) -> tuple[str, ...]:
-    """Check that a session on a simulated rig can be taken; return the sun of a simulated roof in words.
+    """Check that a session on a simulated rig can be taken; return a text on the sun of a simulated roof.
 
-    Remarks say where sun, place and camera are not those of the scene file.
+    Remarks state where sun, place or camera differ from the scene file.
     """
     if rig.simulation is None:
         return ()
@@ -295,7 +295,7 @@ def rehearse(
 
 @contextmanager
 def serve_stage(address: str, *, link: Path, truth: Path | None) -> Iterator[Callable[[], None]]:
-    """Serve a simulated stage on a pseudo-terminal until the context is left; give a loop that logs its true angle."""
+    """Serve a simulated stage on a pseudo-terminal; give a function that logs its true angle."""
     try:
         options = parse_stage_address(address)
     except ValueError as error:
@@ -322,7 +322,7 @@ def serve_stage(address: str, *, link: Path, truth: Path | None) -> Iterator[Cal
 
 @contextmanager
 def serve_rig_camera(address: str, *, rig_path: Path | None, lost_share: float) -> Iterator[str]:
-    """Serve it until the context is left; give the port of the rig's stage, which turns the polarizer."""
+    """Serve the camera of a rig; give the port of the rig's stage, which turns the polarizer."""
     place, _, options = address.partition("?")
     faults, rest = split_faults(options)
     if rest:
@@ -341,7 +341,7 @@ def serve_rig_camera(address: str, *, rig_path: Path | None, lost_share: float) 
 def _served(
     camera: Camera, place: str, *, serial_number: str, faults: GigeFaults
 ) -> AbstractContextManager[AravisDevice | str]:
-    """Serve a camera where it was asked for: behind a network of its own, where that is another loopback address."""
+    """Serve a camera at its address; another loopback address is a network of its own."""
     if place != THIS_MACHINE and place.startswith(_LOOPBACK):
         return serve_behind_network(camera, address=place, serial_number=serial_number, faults=faults)
     return serve_gige_camera(camera, address=place, serial_number=serial_number, faults=faults)

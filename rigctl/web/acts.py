@@ -45,27 +45,27 @@ _SESSION: TypeAdapter[dict[Literal["session"], str]] = TypeAdapter(
 
 
 class Sessions:
-    """Session files of a folder, and the runs that they become."""
+    """Session files of a folder, and their runs."""
 
     def __init__(self, rig: str, sessions: Path, runs: Path) -> None:
         self._rig, self._sessions, self._runs = rig, sessions, runs
         self.regions = runs / _REGIONS_FILE
 
     def names(self) -> tuple[str, ...]:
-        """Return the session files by name; other files of the folder are left out."""
+        """Return the session files of the folder by name."""
         if not self._rig.endswith(_RIG_FILE):
             return ()
         return tuple(file.name for file in sorted(self._sessions.glob("*.toml")) if _is_session(file))
 
     def drawn(self) -> Sequence[Region]:
-        """Return the regions that were drawn here; none where their file cannot be read."""
+        """Return the regions that were drawn on this page; none if their file cannot be read."""
         try:
             return load_regions(self.regions) if self.regions.is_file() else ()
         except ConfigError:
             return ()
 
     def plan(self, name: str) -> str:
-        """Return frames, time and disk of a session in words; or raise what refuses it."""
+        """Return a text on frames, time and disk of a session; raise the error that would refuse it."""
         prepared = prepare_session(Path(self._rig), self._file(name), regions=self.regions if self.drawn() else None)
         doubts, light = require_takeable(prepared, self._new_run(name), asks_by_hold=True)
         return "\n".join([_need_text(name, prepared), *prepared.selected.lines, *prepared.doubts, *doubts, *light])
@@ -79,7 +79,7 @@ class Sessions:
         return run.name
 
     def ask(self, name: str, what: Question) -> None:
-        """Send a request to the session of a run; an ended session is resumed in a process of its own."""
+        """Send a request to the session of a run; a session that has ended is resumed in a process of its own."""
         run = self._run(name)
         process = writing_process(run)
         if process is not None:
@@ -90,7 +90,7 @@ class Sessions:
             raise RunFolderError(f"{name}: no session writes into this run")
 
     def _spawn(self, *words: str, log: Path) -> None:
-        """Start rigctl so that it outlives this page; its output goes into a file beside the run."""
+        """Start rigctl in a process that outlives this page; its output goes into a file next to the run."""
         with log.with_name(f"{log.name}.log").open("ab") as output:
             subprocess.Popen(
                 [sys.executable, "-m", "rigctl", *words, "--ask", "hold"],
@@ -116,7 +116,7 @@ class Sessions:
 
 
 def _is_session(file: Path) -> bool:
-    """Return whether a file of the folder is for a session; links to nowhere, folders and pipes are not."""
+    """Return whether a path is a session file; dangling links, folders and pipes are not."""
     try:
         return b"[[take]]" in read_bounded(file, MOST_TEXT_BYTES)
     except OSError:
@@ -146,7 +146,7 @@ def camera_acts(rig: LiveRig) -> Mapping[str, Act]:
 
 
 def stage_acts(rig: LiveRig) -> Mapping[str, Act]:
-    """Return the actions on a polarizer that turns: turn it, and take the dark level of its maps."""
+    """Return the actions on a rotating polarizer: turn it, and take the dark level for maps."""
 
     def turn(_: str, body: bytes) -> dict[str, str]:
         rig.turn(_TURN.validate_json(body)["angle_deg"])
@@ -160,12 +160,12 @@ def stage_acts(rig: LiveRig) -> Mapping[str, Act]:
 
 
 def session_acts(sessions: Sessions, rig: LiveRig) -> Mapping[str, Act]:
-    """Return the actions on sessions: hold, resume, stop, show a plan, and start after the devices are closed."""
+    """Return the actions on sessions: hold, resume, stop, plan, and start after the page has closed the devices."""
 
-    def asking(what: Question) -> Act:
+    def requesting(what: Question) -> Act:
         def ask(run: str, _: bytes) -> dict[str, str]:
             sessions.ask(run, what)
-            return {"done": f"asked to {what}"}
+            return {"done": f"{what} requested"}
 
         return ask
 
@@ -177,11 +177,17 @@ def session_acts(sessions: Sessions, rig: LiveRig) -> Mapping[str, Act]:
         rig.begin(REST)
         return {"run": sessions.start(name)}
 
-    return {"hold": asking("hold"), "resume": asking("resume"), "stop": asking("stop"), "plan": plan, "start": start}
+    return {
+        "hold": requesting("hold"),
+        "resume": requesting("resume"),
+        "stop": requesting("stop"),
+        "plan": plan,
+        "start": start,
+    }
 
 
 def region_acts(file: Path, newest_counts: Callable[[], NDArray[np.uint16] | None]) -> Mapping[str, Act]:
-    """Return the action on regions: write them into a file, with the markers that the newest picture shows.
+    """Return the action on regions: write them into a file, with the markers in the newest picture.
 
     An existing file is kept as ``.bak``, ``.bak2`` and so on.
     """
@@ -198,7 +204,7 @@ def region_acts(file: Path, newest_counts: Callable[[], NDArray[np.uint16] | Non
 
 
 class RegionsPage:
-    """The page with one picture, served to this machine until regions are sent."""
+    """A page with one picture, served to this machine until it sends regions."""
 
     def __init__(
         self, picture: NDArray[np.uint8], *, drawn: list[Region], title: str, file: str, port: int = 0
@@ -216,11 +222,11 @@ class RegionsPage:
 
     @property
     def address(self) -> str:
-        """Where the page is."""
+        """Address of the page."""
         return self._server.addresses.act_url or ""
 
     def wait(self, *, seconds: float) -> RegionsFile:
-        """Return the regions that were drawn; raise DataError if nothing is sent in time."""
+        """Return the regions that were drawn; raise DataError if none are sent in time."""
         with self._server:
             try:
                 return self._sent.get(timeout=seconds)

@@ -46,39 +46,39 @@ _MOST_QUESTION_BYTES = 1000
 _PATIENCE_S = 20.0
 _HEAD_BYTES = 4
 _NOT_UNDERSTOOD, _OTHERS_NEED_ITS_PLACE = 1008, 1013
-# A report may hold names from files of others: no script of it runs, and it reaches nothing.
+# A report may contain names from other people's files, so it may run no script and load nothing.
 _DOCUMENT_POLICY = (
     "sandbox allow-popups; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'"
 )
 _LEAST_DOLP_TOP = 1e-3
-# An action on the run that a request names, with the body of the request; returns the answer.
+# An action on the run of a request, with the body of the request; returns the answer.
 Act = Callable[[str, bytes], dict[str, str]]
 
 
 class View(Protocol):
-    """The picture of a page: that of the devices, or a still picture."""
+    """Source of the pictures of a page: the devices, or a still picture."""
 
     def look(self) -> LiveLook:
         """Return the numbers of the newest picture."""
 
     def newest_sequence(self, name: str) -> int | None:
-        """Return the number of the newest picture of a name; None where there is none."""
+        """Return the number of the newest picture of a name; None if there is none."""
 
     def picture(self, name: str, *, zebra: bool = True, dolp_top: float = 1.0) -> Picture | None:
-        """Return the newest picture of a name; None where there is none."""
+        """Return the newest picture of a name; None if there is none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Actions:
-    """The actions of a page; it shows only what belongs to them."""
+    """The actions of a page, which shows controls for these only."""
 
     view: View
     #: Actions by name, such as those of `rigctl.web.acts`.
     acts: Mapping[str, Act]
-    title: str = ""  #: Heading of the page; empty where it heads the list of runs.
+    title: str = ""  #: Heading of the page; empty for a list of runs.
     session_names: Callable[[], tuple[str, ...]] = tuple  #: Returns the names of the session files.
-    drawn: Callable[[], Sequence[Region]] = tuple  #: Returns regions that are there already.
-    regions_file: str = "regions.toml"  #: Name of the file that regions are written to.
+    drawn: Callable[[], Sequence[Region]] = tuple  #: Returns existing regions.
+    regions_file: str = "regions.toml"  #: Name of the file for regions.
     is_once: bool = False  #: The page ends as soon as regions are written.
 
 
@@ -100,7 +100,7 @@ def page_app(source: Source, actions: Actions | None = None) -> Starlette:
 
 
 def _answering(act: Act) -> Callable[[Request], Awaitable[Response]]:
-    """Return a route that runs an action in a thread of its own and answers errors in words."""
+    """Return a route that runs an action in a thread of its own and answers errors as text."""
 
     async def answer(request: Request) -> Response:
         body = await request.body()
@@ -129,7 +129,7 @@ def _file(name: str) -> Callable[[Request], Response]:
 
 
 class _Page:
-    """Answers, each made in a thread of its own where it reads from the disk."""
+    """The routes. Answers that read from the disk are made in threads."""
 
     def __init__(self, source: Source, actions: Actions | None) -> None:
         self._source, self._actions, self._sockets = source, actions, Sockets()
@@ -156,7 +156,7 @@ class _Page:
         return _not_found() if content is None else Response(content, media_type="text/html", headers=headers)
 
     async def socket(self, socket: WebSocket) -> None:
-        """Answer question by question: a slow browser asks less often, and delays no other."""
+        """Answer one question after the other, so that a slow browser does not delay others."""
         await socket.accept()
         with suppress(WebSocketDisconnect, TimeoutError, RuntimeError):
             try:
@@ -184,7 +184,7 @@ class _Page:
         await socket.send_text(json_text(answer, indent=None))
 
     async def _newer_picture(self, question: Mapping[str, Any]) -> bytes:
-        """Return the newest picture behind a head of JSON; only the head where the one that is known is the newest."""
+        """Return a JSON head and the newest picture, or only the head if the browser has that picture."""
         head: dict[str, Any] = {"name": str(question.get("name", ""))}
         if question.get("of") == "rig" and self._actions is not None:
             head["rig"] = asdict(self._actions.view.look())
@@ -219,10 +219,10 @@ class _Page:
 
     def _of_actions(self) -> dict[str, Any]:
         if self._actions is None:
-            return {"hands": False}
+            return {"actions": False}
         actions = self._actions
         return {
-            "hands": True,
+            "actions": True,
             "title": actions.title,
             "acts": list(actions.acts),
             "rig": asdict(actions.view.look()),
@@ -246,7 +246,7 @@ class _Page:
 
 
 class Sockets:
-    """The open sockets of a page. If there are too many, the one that has been silent longest is closed."""
+    """The open sockets of a page. If there are too many, the one that has been idle longest is closed."""
 
     def __init__(self, most: int = MOST_SOCKETS) -> None:
         self._most = most
@@ -254,7 +254,7 @@ class Sockets:
 
     @contextmanager
     def place(self) -> Iterator[None]:
-        """Have a place for as long as the context lasts; the task is cancelled when others need it."""
+        """Occupy a place while the context lasts; the task is cancelled if others need the place."""
         task = self._noted()
         while len(self._asked_s) > self._most:
             oldest = min(self._asked_s, key=lambda one: self._asked_s[one])
@@ -266,7 +266,7 @@ class Sockets:
             self._asked_s.pop(task, None)
 
     def has_asked(self) -> None:
-        """Note that the socket of this task has asked something."""
+        """Note that the socket of this task is active."""
         self._noted()
 
     def _noted(self) -> "asyncio.Task[object]":
@@ -294,7 +294,7 @@ def _question(text: str) -> dict[str, Any] | None:
 
 
 def _message(head: Mapping[str, Any], picture: bytes) -> bytes:
-    """Return a picture behind its head: the head's length in 4 bytes, the head in JSON, the file."""
+    """Return a message: the length of the head in 4 bytes, the head in JSON, the picture."""
     text = json.dumps(head, allow_nan=False).encode("utf-8")
     return len(text).to_bytes(_HEAD_BYTES, "big") + text + picture
 
@@ -305,4 +305,4 @@ def _right(connection: HTTPConnection) -> str:
 
 
 def _not_found() -> Response:
-    return JSONResponse({"error": "there is no such thing"}, status_code=404)
+    return JSONResponse({"error": "not found"}, status_code=404)

@@ -1,4 +1,4 @@
-"""Pictures for a page: frames and maps of polarization as small JPEG files, and how sharp and how bright a frame is."""
+"""Pictures for a page: frames and maps of polarization as small JPEG files; sharpness and brightness of a frame."""
 
 import threading
 from collections import OrderedDict
@@ -19,13 +19,13 @@ from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord
 
 FloatArray = NDArray[np.float64]
-# Columns of a frame and of a map at most: a telephone has fewer, and arctangents are dear.
+# Largest width of a frame and of a map: a telephone has fewer pixels, and arctangents take time.
 MOST_WIDTH, MAP_WIDTH = 800, 480
 _DARKEST, _BRIGHTEST = 0.005, 0.995
 _SMOOTHING_PIXELS = 1.0
 _SOBEL_SUM = 8.0
 _MOST_DN = 65535
-# Sharpness that single precision makes of a picture of one value, such as one that is saturated everywhere.
+# Sharpness of a uniform picture, such as a saturated one, from rounding in single precision.
 _ROUNDING = 1e-12
 _QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 80)
 _STRIPE_PIXELS = 6
@@ -33,12 +33,12 @@ _SPECK = np.ones((5, 5), np.uint8)
 _ZEBRA_BGR = ((60, 60, 255), (0, 0, 130))
 _GREY = 128.0
 _BINS = 64
-# Times as wide as wanted.
+# Factor of the width by which pixels are averaged at most.
 _LARGE = 3
 _ABOVE_ROUNDING = 1e-6
 _STEP, _MANY_ROWS = 6, 64
 _COLUMN_STEP = 4
-# AoLP fades out where it is known to less than this.
+# AoLP fades out where its standard deviation is above this.
 _FAINT_RAD = np.deg2rad(10.0)
 # Median absolute deviation of a second difference a - 2b + c of normal noise, over its standard deviation.
 _MAD_OF_SECOND_DIFFERENCE = 0.6745 * 6.0**0.5
@@ -48,29 +48,29 @@ _LEAST_NOISE_DN = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A picture to look at: nothing is measured with it."""
+    """A picture to look at, not for measurements."""
 
-    jpeg: bytes  #: The file.
-    #: Pixels in 64 steps of equal width over the range of counts, of the whole frame; empty for a map.
+    jpeg: bytes  #: The JPEG file.
+    #: Histogram of the whole frame in 64 equal steps over the range of counts; empty for a map.
     histogram: tuple[int, ...] = ()
     clipped: float = 0.0  #: Share of saturated pixels, 0 to 1.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CyclePictures:
-    """The frames of one cycle, made smaller, and what is known of them."""
+    """The frames of one cycle, reduced in size."""
 
     frames: NDArray[np.float32]  #: Counts [DN].
-    angles_rad: FloatArray  #: Of the transmission axis [rad].
+    angles_rad: FloatArray  #: Angles of the transmission axis [rad].
     dark_dn: FloatArray  #: Level without light [DN].
-    extinction_ratio: float  #: Of the polarizer; infinite for an ideal one.
+    extinction_ratio: float  #: Extinction ratio of the polarizer; infinite for an ideal one.
 
 
 T = TypeVar("T")
 
 
 class Shelf(Generic[T]):
-    """The results made last, shared by all pages. Thread-safe; one result is made at a time."""
+    """The latest results, shared by all pages. Thread-safe; one result is made at a time."""
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -78,7 +78,7 @@ class Shelf(Generic[T]):
         self._made: OrderedDict[tuple[object, ...], T] = OrderedDict()
 
     def kept(self, key: tuple[object, ...], make: Callable[[], T]) -> T:
-        """Return the result of a key; make it if it is not kept."""
+        """Return the result of a key, making it if necessary."""
         with self._making:
             if key not in self._made:
                 self._made[key] = make()
@@ -89,7 +89,7 @@ class Shelf(Generic[T]):
 
 
 def picture_of(counts: NDArray[np.uint16], *, saturation_dn: float, most_width: int, zebra: bool) -> Picture:
-    """Return a frame, stretched for the eye; where `zebra` is set, saturated pixels are striped."""
+    """Return a frame with stretched contrast; with `zebra`, saturated pixels are striped."""
     histogram = _histogram(counts, saturation_dn=saturation_dn)
     small = smaller(counts, most_width=most_width)
     quantiles = np.quantile(_sampled(small), [_DARKEST, _BRIGHTEST])
@@ -98,7 +98,7 @@ def picture_of(counts: NDArray[np.uint16], *, saturation_dn: float, most_width: 
     grey[small <= low] = 0
     shown = grey
     if zebra and histogram[-1]:
-        # Wider than one pixel, or JPEG would take its colour away.
+        # Wider than one pixel, because JPEG would lose the colour.
         clipped = (counts >= saturation_dn).astype(np.uint8) * np.uint8(255)
         seen = smaller(clipped, most_width=most_width) > 0.0
         striped = cv2.dilate(seen.astype(np.uint8), _SPECK) > 0
@@ -110,7 +110,7 @@ def picture_of(counts: NDArray[np.uint16], *, saturation_dn: float, most_width: 
 
 
 def middle(counts: NDArray[np.uint16], *, zoom: int) -> NDArray[np.uint16]:
-    """Return the part of a picture around its middle that is `zoom` times smaller either way, at least 2 x 2 pixels."""
+    """Return the middle of a picture, `zoom` times smaller in each direction, at least 2 x 2 pixels."""
     height, width = (max(2, length // zoom) for length in counts.shape)
     top, left = (counts.shape[0] - height) // 2, (counts.shape[1] - width) // 2
     return counts[top : top + height, left : left + width]
@@ -126,19 +126,19 @@ def brightness_of(counts: NDArray[np.uint16], *, bit_depth: int) -> tuple[float,
 def sharpness_of(counts: NDArray[np.uint16]) -> float:
     """Return the mean square slope of the counts over their mean square, after smoothing by a pixel against noise.
 
-    It does not depend on the exposure, but on the scene: compare values only while the lens is turned. It is 0 for a
-    picture that is black, or of one value everywhere.
+    It does not depend on the exposure, but on the scene, so values can be compared only while the lens is turned. It is
+    0 for a uniform picture.
     """
     smooth = cv2.GaussianBlur(counts.astype(np.float32), (0, 0), _SMOOTHING_PIXELS)
     along, down = (cv2.Sobel(smooth, cv2.CV_32F, *way) for way in ((1, 0), (0, 1)))
-    # Sums of squares, in double precision.
+    # Sums of squares need double precision.
     power, slopes, more = (cv2.norm(picture, cv2.NORM_L2SQR) for picture in (smooth, along, down))
     sharpness = (slopes + more) / _SOBEL_SUM**2 / power if power > 0.0 else 0.0
     return sharpness if sharpness > _ROUNDING else 0.0
 
 
 def _quantile(counts: NDArray[np.uint16], share: float) -> float:
-    """Return a quantile as numpy does, by counting: a fortieth of the time that sorting takes."""
+    """Return the same quantile as numpy by counting, in a fortieth of the time of sorting."""
     levels = int(counts.max()) + 1
     below = np.cumsum(cv2.calcHist([counts], [0], None, [levels], [0.0, float(levels)]).ravel(), dtype=np.float64)
     place = share * (counts.size - 1)
@@ -147,14 +147,14 @@ def _quantile(counts: NDArray[np.uint16], share: float) -> float:
 
 
 def smaller(picture: NDArray[np.uint16] | NDArray[np.uint8], *, most_width: int) -> NDArray[np.float32]:
-    """Return a picture of `most_width` columns at most, each pixel the mean of those that it stands for."""
+    """Return a picture of at most `most_width` columns by averaging pixels."""
     height, width = len(picture), len(picture[0])
     if width <= most_width:
         return picture.astype(np.float32)
     size = (most_width, max(1, round(height * most_width / width)))
     large: MatLike = picture
     if width >= _LARGE * most_width and width % 2 == 0 and height % 2 == 0:
-        # Pairs of pixels are fast to average; what is left takes half the time.
+        # Averaging pairs of pixels first halves the time.
         large = cv2.resize(picture, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
     return np.asarray(cv2.resize(large, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
@@ -184,14 +184,14 @@ def _dolp(maps: PolarizationMaps, *, top: float) -> Picture:
 
 
 def _aolp(maps: PolarizationMaps, *, noise_dn: float) -> Picture:
-    """Return the angle in colours that meet at 0 and 180 deg, grey where it is not known.
+    """Return the angle in cyclic colours, grey where it is not known.
 
-    Its deviation is half that of (S1, S2) across their direction over their length, at most `noise_dn` [DN].
+    Its standard deviation is half that of (S1, S2) across their direction (at most `noise_dn` [DN]) over their length.
     """
     turn = cv2.convertScaleAbs(_numbers(maps.aolp_rad, maps.valid), alpha=255.0 / np.pi)
     coloured = cv2.applyColorMap(turn, colour_table("aolp")[:, None])
     length = np.maximum(cv2.magnitude(maps.stokes[1], maps.stokes[2]), np.float32(_LEAST_NOISE_DN))
-    # Of 255: all where it is known to half of the limit, nothing beyond the limit.
+    # Full colour up to half of the limit, grey beyond the limit.
     known = np.clip(510.0 - np.float32(255.0 * noise_dn / _FAINT_RAD) / length, 0.0, 255.0).astype(np.uint8)
     known[~maps.valid] = 0
     grey = cv2.convertScaleAbs(cv2.bitwise_not(known), alpha=_GREY / 255.0)
@@ -204,12 +204,12 @@ def _numbers(plane: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np
 
 
 def _sampled(picture: NDArray[np.float32], *, columns: int = _STEP) -> NDArray[np.float32]:
-    """Return some of the pixels, enough for quantiles that the eye sees; small pictures whole."""
+    """Return a sample of the pixels that is large enough for quantiles of contrast."""
     return picture[:: _STEP if len(picture) > _MANY_ROWS else 1, :: columns if len(picture) > _MANY_ROWS else 1]
 
 
 def _noise_dn(frame: NDArray[np.float32]) -> float:
-    """Return the deviation from pixel to pixel [DN] by second differences along rows; texture makes it larger."""
+    """Return the noise of a pixel [DN] from second differences along rows; texture makes it larger."""
     if frame.shape[1] < _LEAST_WIDTH:
         return 1.0
     rows = _sampled(frame, columns=1)
@@ -233,7 +233,7 @@ def _jpeg(picture: MatLike) -> bytes:
 MAPS = ("s0", "dolp", "aolp")
 THUMB = "thumb"
 _THUMB_WIDTH = 160
-# A frame of an angle that is not among so many of the last is of an earlier take.
+# An angle that is not among this many latest frames is of an earlier take.
 _RECENT = 64
 _KEPT, _KEPT_CYCLES = 24, 2
 _LEAST_ANGLES = 3
@@ -247,7 +247,7 @@ class RunPictures:
         self._cycles: Shelf[CyclePictures] = Shelf(_KEPT_CYCLES)
 
     def newest_sequence(self, run: Run, name: str) -> int | None:
-        """Return the number of the newest picture of that name; None if there is none."""
+        """Return the number of the newest picture of a name; None if there is none."""
         if name in MAPS:
             cycle = last_cycle(run.frames)
             return cycle[-1].sequence if cycle else None
@@ -255,7 +255,7 @@ class RunPictures:
         return None if found is None else found.sequence
 
     def picture(self, run: Run, name: str, *, zebra: bool, dolp_top: float) -> Picture | None:
-        """Return the newest picture of an angle or a map; None where there is none."""
+        """Return the newest picture of an angle or a map; None if there is none."""
         if name in MAPS:
             cycle = last_cycle(run.frames)
             return self._maps(run, cycle, dolp_top=dolp_top)[name] if cycle else None
@@ -276,10 +276,10 @@ class RunPictures:
 
 
 def last_cycle(frames: Sequence[FrameRecord]) -> tuple[FrameRecord, ...]:
-    """Return the frames of the newest whole cycle, one for each angle; empty where there is none.
+    """Return the frames of the newest complete cycle, one for each angle; empty if there is none.
 
-    A cycle is whole once the next one has begun, or once it has as many angles as the one before. Where frames are
-    grouped by angle, it is the newest frame of each.
+    A cycle is complete once the next one has begun, or once it has as many angles as the previous one. If frames are
+    grouped by angle, the newest frame of each angle is returned.
     """
     scenes = [frame for frame in frames if frame.kind == "scene" and frame.polarizer_angle_deg is not None]
     cycles: dict[tuple[int | None, int | None], dict[str, FrameRecord]] = {}
@@ -326,7 +326,7 @@ def _cycle(run: Run, cycle: Sequence[FrameRecord]) -> CyclePictures:
 
 
 def _dark_dn(run: Run, record: FrameRecord) -> float:
-    """Return the level without light: of the newest dark frame of that exposure, else of the camera's black level."""
+    """Return the dark level: of the newest dark frame of that exposure, otherwise the camera's black level."""
     darks = [frame for frame in run.frames if frame.kind == "dark" and frame.exposure_s == record.exposure_s]
     if darks:
         return float(run.counts(darks[-1]).mean())

@@ -1,4 +1,4 @@
-"""Devices at work for a page: a preview for focusing, or live polarimetry as fast as the stage turns.
+"""Devices that a page operates: a preview for focusing, or live polarimetry as fast as the stage turns.
 
 Nothing is stored.
 """
@@ -42,7 +42,7 @@ from rigctl.web.pictures import (
 )
 
 VIEW = "view"
-# An automatic exposure aims at the first share of the range; between the other two it is kept.
+# Target of an automatic exposure, as a share of the range; between the other two shares the exposure is kept.
 _AIM, _LEAST_FILLED, _MOST_FILLED = 0.7, 0.4, 0.9
 _SHORTEST_MS, _LONGEST_MS = 0.001, 2000.0
 _STEP_WORTH = 0.1
@@ -60,14 +60,14 @@ TaskKind = Literal["rest", "preview", "polarimetry"]
 @with_config(ConfigDict(extra="forbid", allow_inf_nan=False))
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """A task for the devices, as a page sends it."""
+    """A task for the devices."""
 
-    #: "rest" closes the devices; "preview" takes picture after picture; "polarimetry" turns through the angles.
+    #: "rest" closes the devices, "preview" takes one picture after another, "polarimetry" turns through the angles.
     kind: TaskKind
-    exposure_ms: Annotated[float, Field(gt=0.0, le=600_000.0)] | None = None  #: None: the exposure follows the light.
+    exposure_ms: Annotated[float, Field(gt=0.0, le=600_000.0)] | None = None  #: None for an automatic exposure.
     gain_db: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
-    zoom: Annotated[int, Field(ge=1, le=64)] = 1  #: Show and judge the middle, enlarged by this factor.
-    #: Of the polarizer, for "polarimetry".
+    zoom: Annotated[int, Field(ge=1, le=64)] = 1  #: Factor by which the middle of the picture is enlarged.
+    #: Polarizer angles for "polarimetry".
     angles_deg: Annotated[tuple[Annotated[float, Field(ge=-LARGEST, le=LARGEST)], ...], Field(max_length=64)] = (
         0.0,
         45.0,
@@ -84,29 +84,29 @@ class LiveLook:
     """State of the devices and numbers of the newest picture."""
 
     task: TaskKind = "rest"
-    exposure_ms: float = 10.0  #: As set [ms], [dB].
+    exposure_ms: float = 10.0  #: Settings of the camera [ms], [dB].
     gain_db: float = 0.0
-    is_automatic: bool = True  #: The exposure follows the light.
-    sequence: int = 0  #: Number of the newest picture, and of the newest maps; 0 if there is none.
+    is_automatic: bool = True  #: The exposure is automatic.
+    sequence: int = 0  #: Number of the newest picture and of the newest maps; 0 without one.
     maps_sequence: int = 0
-    angle_deg: float | None = None  #: Of the polarizer at the newest picture, by readback [deg].
-    #: Of the newest picture and the largest since the task began; comparable only with itself.
+    angle_deg: float | None = None  #: Polarizer angle of the newest picture by readback [deg].
+    #: Sharpness of the newest picture, and the largest since the task began; in arbitrary units.
     sharpness: float = 0.0
     best_sharpness: float = 0.0
-    brightest: float = 0.0  #: The 99.5 % quantile as a share of the range, and the share of saturated pixels.
+    brightest: float = 0.0  #: 99.5 % quantile of the counts as a share of the range, and share of saturated pixels.
     clipped: float = 0.0
-    cycles_per_min: float | None = None  #: Rate of turns through the angles.
-    #: Dark level that the maps subtract [DN]; None if none was taken at this exposure: DoLP reads too low.
+    cycles_per_min: float | None = None  #: Passes through the angles per minute.
+    #: Dark level that is subtracted in maps [DN]; None if it was not taken at this exposure, so DoLP reads too low.
     dark_dn: float | None = None
     zoom: int = 1  #: As in `Task`.
-    left: int = 0  #: The part of the camera's picture that is shown: its first column and row, and its size [pixel].
+    left: int = 0  #: Part of the camera's picture that is shown: first column and row, and size [pixel].
     top: int = 0
     width: int = 0
     height: int = 0
     problem: str = ""  #: The error that stopped the task.
 
     def __str__(self) -> str:
-        """Return the numbers for focusing in one line."""
+        """Return a line with the numbers for focusing."""
         return (
             f"sharpness {self.sharpness * 1e3:.4g} (best {self.best_sharpness * 1e3:.4g}), brightest "
             f"{100 * self.brightest:.0f} % of the range, {percent(self.clipped)} saturated"
@@ -121,7 +121,7 @@ class LiveRig:
 
     def __init__(self, what: str, *, camera_only: bool = False) -> None:
         self._what, self._is_rig = what, what.endswith(_RIG_FILE) and not camera_only
-        # A camera alone has no stage: its angles are those of the polarizer.
+        # Without a stage, angles are those of the polarizer.
         self._polarizer = load_rig(Path(what)).polarizer if self._is_rig else PolarizerSection(sense=1, offset_deg=0.0)
         self._camera: CameraSection | None = None
         self._changed = threading.Condition()
@@ -142,9 +142,9 @@ class LiveRig:
             return self._look
 
     def newer_look(self, sequence: int, *, timeout_s: float) -> LiveLook:
-        """Wait for another picture than the known one, or the timeout; return its numbers.
+        """Wait for a picture with another number, or the timeout; return its numbers.
 
-        A task that begins has no picture of its own yet: its `width` is 0.
+        `width` is 0 as long as a task has no picture.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._failure or self._is_of_another(sequence), timeout=timeout_s)
@@ -156,7 +156,7 @@ class LiveRig:
         return self._look.width > 0 and self._look.sequence != sequence
 
     def begin(self, task: Task) -> None:
-        """Begin another task; "rest" returns after the devices are closed."""
+        """Begin a task; "rest" returns after the devices are closed."""
         with self._changed:
             self._task, self._failure = task, None
             last_exposure_s = self._look.exposure_ms / _MS_PER_S
@@ -178,12 +178,12 @@ class LiveRig:
             thread.join(timeout=_TIMEOUT_S + last_exposure_s)
 
     def turn(self, angle_deg: float) -> None:
-        """Turn the polarizer to an angle while a preview runs [deg]."""
+        """Turn the polarizer to an angle [deg] while a preview runs."""
         with self._changed:
             self._turn_to_deg = angle_deg
 
     def take_dark(self) -> None:
-        """Take the newest picture as dark frame: the maps at this exposure subtract its mean."""
+        """Take the newest picture as dark frame. Its mean is subtracted in maps at this exposure."""
         with self._changed:
             if self._counts is None or self._look.task == "rest":
                 raise ConfigError("begin a preview, cover the lens, and then take the dark level")
@@ -234,7 +234,7 @@ class LiveRig:
             with _open_camera(self._what) as camera:
                 yield camera, None
             return
-        rig_file = load_rig(Path(self._what))  # anew: it may have been edited since
+        rig_file = load_rig(Path(self._what))  # read again, because it may have been edited
         self._polarizer, self._camera = rig_file.polarizer, rig_file.camera
         with open_rig(rig_file, session_name="live") as rig:
             rig.present("scene")
@@ -245,43 +245,43 @@ class LiveRig:
             return self._task
 
     def _do(self, camera: Camera, stage: RotationStage | None, task: Task) -> None:
-        """Do one task until another is wanted."""
+        """Work on a task until another begins."""
         camera.configure(exposure_s=self.look().exposure_ms / _MS_PER_S, gain_db=task.gain_db)
         mosaic, polarizer = self._camera, self._polarizer
         if mosaic is not None and mosaic.mosaic_deg is not None:
             axes_deg = polarizer_axes_deg(mosaic.mosaic_deg, sense=polarizer.sense, offset_deg=polarizer.offset_deg)
             while self._wanted() is task:
-                self._look_through(camera, axes_deg or (), mosaic.interpolation, task)
+                self._take_mosaics(camera, axes_deg or (), mosaic.interpolation, task)
             return
         if task.kind == "preview":
             while self._wanted() is task:
                 angle_deg = self._turned(stage)
-                self._seen(self._exposed(camera, task), angle_deg)
+                self._show(self._exposed(camera, task), angle_deg)
             return
         if stage is None or len(task.angles_deg) < _LEAST_ANGLES:
             raise ConfigError("live polarimetry needs a stage, and three angles at least")
         stage.home()
         self._exposed(camera, task)
         while self._wanted() is task:
-            self._go_round(camera, stage, task)
+            self._take_cycles(camera, stage, task)
 
-    def _look_through(
+    def _take_mosaics(
         self, camera: Camera, axes_deg: tuple[float, ...], interpolation: Interpolation, task: Task
     ) -> None:
-        """Take a picture behind a cell of polarizers: it has all angles at once, so each picture has its maps."""
+        """Take pictures with polarizers on the pixels: each has all angles, and its own maps."""
         began_s = time.monotonic()
         frame = self._exposed(camera, task)
         saturation_dn = 2.0**frame.settings.bit_depth - 1.0
         parts = planes(frame.counts, interpolation=interpolation, saturation_dn=saturation_dn)
-        # The mean of all angles is shown: the pattern of the cell itself is no texture of the scene.
+        # The mean of all angles is shown, because the pattern of the cell is not in the scene.
         stacked = np.stack(parts)
         full = (stacked >= saturation_dn).any(axis=0)
         mean = np.where(full, saturation_dn, stacked.mean(axis=0, dtype=np.float32)).astype(np.uint16)
-        self._seen(replace(frame, counts=mean), None)
+        self._show(replace(frame, counts=mean), None)
         small = [smaller(part, most_width=MOST_WIDTH) for part in parts]
-        self._went_round(small, axes_deg, time.monotonic() - began_s)
+        self._add_cycle(small, axes_deg, time.monotonic() - began_s)
 
-    def _go_round(self, camera: Camera, stage: RotationStage, task: Task) -> None:
+    def _take_cycles(self, camera: Camera, stage: RotationStage, task: Task) -> None:
         began_s = time.monotonic()
         frames: list[NDArray[np.float32]] = []
         angles_deg: list[float] = []
@@ -292,9 +292,9 @@ class LiveRig:
             angles_deg.append(self._move(stage, angle_deg))
             frame = self._frame(camera)
             frames.append(smaller(frame.counts, most_width=MAP_WIDTH))
-            self._seen(frame, angles_deg[-1])
+            self._show(frame, angles_deg[-1])
             brightest = max(brightest, self._look.brightest)
-        self._went_round(frames, angles_deg, time.monotonic() - began_s)
+        self._add_cycle(frames, angles_deg, time.monotonic() - began_s)
         self._expose_for_light(camera, task, self._look.exposure_ms, brightest)
 
     def _turned(self, stage: RotationStage | None) -> float | None:
@@ -317,7 +317,7 @@ class LiveRig:
         return camera.take_frame(timeout_s=self._look.exposure_ms / _MS_PER_S + _TIMEOUT_S)
 
     def _exposed(self, camera: Camera, task: Task) -> Frame:
-        """Return a picture; a saturated one only if the exposure is given or cannot be shorter."""
+        """Return a picture; it is saturated only if the exposure is given or cannot be shorter."""
         while True:
             frame = self._frame(camera)
             shown = middle(frame.counts, zoom=self._look.zoom)
@@ -327,22 +327,22 @@ class LiveRig:
                 return frame
 
     def _expose_for_light(self, camera: Camera, task: Task, before_ms: float, brightest: float) -> bool:
-        """Return whether an automatic exposure was corrected, by the brightest pixels of a picture that it gave."""
+        """Correct an automatic exposure by the brightest pixels of a picture; return whether it has changed."""
         if task.exposure_ms is not None or _LEAST_FILLED <= brightest <= _MOST_FILLED:
             return False
         wanted_ms = _next_exposure_ms(before_ms, brightest)
         if abs(wanted_ms - before_ms) > _STEP_WORTH * before_ms:
-            with suppress(LimitError):  # as short, or as long, as the camera can
+            with suppress(LimitError):  # the exposure is at a limit of the camera
                 settings = camera.configure(exposure_s=wanted_ms / _MS_PER_S, gain_db=task.gain_db)
                 with self._changed:
                     self._look = replace(self._look, exposure_ms=settings.exposure_s * _MS_PER_S)
                 return settings.exposure_s * _MS_PER_S != before_ms
         return False
 
-    def _seen(self, frame: Frame, angle_deg: float | None) -> None:
+    def _show(self, frame: Frame, angle_deg: float | None) -> None:
         full, shown = frame.counts, middle(frame.counts, zoom=self._look.zoom)
         brightest, clipped = brightness_of(shown, bit_depth=frame.settings.bit_depth)
-        # Nobody focuses by it meanwhile, and it takes five times as long as the rest.
+        # Computed for focusing only, because it takes five times as long as the rest.
         sharpness = sharpness_of(shown) if self._task.kind == "preview" else 0.0
         exposure_ms = frame.settings.exposure_s * _MS_PER_S
         with self._changed:
@@ -364,7 +364,7 @@ class LiveRig:
             )
             self._changed.notify_all()
 
-    def _went_round(self, frames: Sequence[NDArray[np.float32]], angles_deg: Sequence[float], took_s: float) -> None:
+    def _add_cycle(self, frames: Sequence[NDArray[np.float32]], angles_deg: Sequence[float], took_s: float) -> None:
         ratio = self._polarizer.extinction_ratio
         with self._changed:
             self._cycle = CyclePictures(
@@ -407,7 +407,7 @@ def _with_address(rig: RigFile, address: str) -> RigFile:
 
 
 class StillPicture:
-    """One picture, whole, as `rigctl.web.page.View` asks for it."""
+    """A single picture, as a `rigctl.web.page.View`."""
 
     def __init__(self, grey: NDArray[np.uint8]) -> None:
         self._picture = Picture(jpeg=cv2.imencode(".jpg", grey, (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))[1].tobytes())
@@ -418,9 +418,9 @@ class StillPicture:
         return self._look
 
     def newest_sequence(self, name: str) -> int | None:
-        """Return 1 for the view, None for any other name."""
+        """Return 1 for the name of the picture, None for other names."""
         return self._look.sequence if name == VIEW else None
 
     def picture(self, name: str, *, zebra: bool = True, dolp_top: float = 1.0) -> Picture | None:
-        """Return the view, None for any other name; saturation is not known of it."""
+        """Return the picture, None for other names; saturation is not marked."""
         return self._picture if name == VIEW else None

@@ -1,6 +1,6 @@
-"""Runs as a page shows them: state, numbers, curves and pictures of each run, read on as the run grows.
+"""Runs for a page: state, numbers, curves and pictures, read as a run grows.
 
-A page asks once a second, so only new data are read; nothing is written. Every answer is JSON.
+A page requests them once a second, so only new data are read. Nothing is written. All answers are JSON.
 """
 
 import json
@@ -40,9 +40,9 @@ from rigctl.web.pictures import MAPS, Picture, RunPictures, last_cycle, newest_b
 
 T = TypeVar("T")
 Look = dict[str, Any]
-# The page asks each second; if it has not asked for this long, no further frames are read.
+# After this time without a request, no further frames are read.
 _LOOKED_S = 10.0
-# A session that has written nothing for this long is called stale.
+# A session that has written nothing for this long is stale.
 _STALE_S = 30.0
 _EVENTS = 30
 _KEPT_READERS = 64
@@ -60,27 +60,27 @@ _ADVICE = {
 _Comparison = tuple[int, Path, str, str]
 _NOTHING_KNOWN: Look = {
     "run": "",  # name of the folder
-    # "waiting" (nothing is there yet, or the next round has not begun), "live", "holding", "stale" (a process holds the
-    # run and has written nothing for long), "finished", "stopped" or "interrupted"
+    # "waiting" (no frame yet, or the next round has not begun), "live", "holding", "stale" (a process holds the run but
+    # has written nothing for long), "finished", "stopped" or "interrupted"
     "state": "waiting",
     "since_utc": "",  # start of that state
     "advice": "",
     "session": "",  # name of the session
-    "frames": 0,  # frames on the disk, and planned
+    "frames": 0,  # stored frames, and planned ones
     "frames_planned": None,
     "remaining_s": None,
     "end_utc": "",
-    "step": "",  # last frame in words: kind, round, cycle, angle
-    "sun_zenith_deg": None,  # at the last frame, as the two that follow
+    "step": "",  # kind, round, cycle and angle of the last frame
+    "sun_zenith_deg": None,  # at the last frame, as the next two
     "sun_azimuth_deg": None,
     "camera_temperature_c": None,
     "disk_free_mb": 0.0,
     "is_simulated": False,
     # newest frame of each angle, then dark and flat: name, sequence, utc, exposure_ms, clipped (saturated share)
     "newest": [],
-    "maps_of": "",  # cycle of the maps in words
+    "maps_of": "",  # cycle of the maps
     "events": [],  # newest first: utc, event, facts
-    "problems": [],  # what cannot be read, or is damaged
+    "problems": [],  # files that cannot be read or are damaged
 }
 NO_CURVES: Look = {
     # one entry a cycle:
@@ -89,14 +89,14 @@ NO_CURVES: Look = {
     "sum_rule": [],  # (I0 + I90) / (I45 + I135) of the whole picture
     "drift_percent_per_min": [],
     "regions": [],  # name, dolp, dolp_std, aolp_deg, aolp_std_deg, light_dn_per_s of the picture and each region
-    "frames_read": 0,  # curves grow until all frames are read
+    "frames_read": 0,  # True until all frames are read
     "frames_there": 0,
-    "left_out": "",  # excluded frames, which no curve contains, and the reason
+    "left_out": "",  # excluded frames, which are not in the curves, and the reason
 }
 
 
 class RunReader:
-    """Reads one run for all pages that show it. Thread-safe."""
+    """Reads a run for all pages that show it. Thread-safe."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -129,7 +129,7 @@ class RunReader:
         }
 
     def row(self) -> Look:
-        """Return the run as a row of a list of runs."""
+        """Return the row of the run in a list of runs."""
         look, run = self.look(), _or_problem(self._run, [])
         elevation_deg = run.frames[0].sun_elevation_deg if run is not None and run.frames else None
         return {
@@ -141,14 +141,14 @@ class RunReader:
         }
 
     def curves(self) -> Look:
-        """Return the numbers of each cycle without excluded frames, as far as frames have been read."""
+        """Return the numbers of each cycle without excluded frames, for the frames read so far."""
         run = self._used_run()
         return NO_CURVES if run is None else self._history.curves(run)
 
     def calibrations(self) -> list[Look]:
-        """Return the calibrations in the folder of the run and the one above, and whether they hold for this run.
+        """Return the calibrations in the run folder and its parent, and whether they are valid for this run.
 
-        Empty until the run has a frame of the scene.
+        Empty until the run has a scene frame.
         """
         run = _or_problem(self._run, [])
         if run is None or not any(frame.kind == "scene" for frame in run.frames):
@@ -162,7 +162,7 @@ class RunReader:
         return self._calibrations[1]
 
     def newest_sequence(self, name: str) -> int | None:
-        """Return the number of the newest picture of that name; None if there is none."""
+        """Return the number of the newest picture of a name; None if there is none."""
         run = self._used_run() if name in MAPS else self._run()
         return None if run is None else self._pictures.newest_sequence(run, name)
 
@@ -186,7 +186,7 @@ class RunReader:
         return state
 
     def _written_s(self) -> float:
-        """Return the time of the session's last writing by this machine's clock; 0 if it wrote nothing."""
+        """Return when the session last wrote a file, by this machine's clock; 0 if it wrote none."""
         files = (self._path / name for name in (MANIFEST_FILE, EVENTS_FILE, STATUS_FILE))
         return max((file.stat().st_mtime for file in files if file.exists()), default=0.0)
 
@@ -211,10 +211,10 @@ class Source(Protocol):
     """The runs of a page."""
 
     def rows(self) -> list[Look] | None:
-        """Return the rows of a list of runs; None if the page shows one run alone."""
+        """Return the rows of a list of runs; None if the page shows a single run."""
 
     def reader(self, run: str) -> RunReader | None:
-        """Return the reader of the run of that name; None if there is none."""
+        """Return the reader of a run; None if there is none of that name."""
 
     def document(self, run: str, name: str) -> bytes | None:
         """Return the summary of a run or a report about it; None if there is none of that name."""
@@ -244,7 +244,7 @@ class OneRun:
         """Return None: there is no list."""
 
     def reader(self, run: str) -> RunReader | None:
-        """Return the run; an empty name is that of the run."""
+        """Return the reader of the run, also for an empty name."""
         return self._reader if run in ("", self._path.resolve().name) else None
 
     def document(self, run: str, name: str) -> bytes | None:
@@ -253,7 +253,7 @@ class OneRun:
 
 
 class RunsOfFolder:
-    """The runs of a folder; the folder is read anew for each answer."""
+    """The runs of a folder, which is read again for each answer."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -263,13 +263,13 @@ class RunsOfFolder:
         self._comparisons = _Comparisons()
 
     def rows(self) -> list[Look]:
-        """Return the runs, the newest first, with the verdict of the newest comparison and the pages about them."""
+        """Return the runs, the newest first, with the verdict of the newest comparison and the pages about each."""
         compared = self._comparisons.by_run(self._path)
         rows = [self._row(path, compared.get(path.name, [])) for path in self._runs()]
         return sorted(rows, key=lambda row: (row["begun_utc"], row["run"]), reverse=True)
 
     def reader(self, run: str) -> RunReader | None:
-        """Return the reader of the run of that name."""
+        """Return the reader of the run of a name."""
         if run not in {path.name for path in self._runs()}:
             return None
         with self._lock:
@@ -301,18 +301,18 @@ class RunsOfFolder:
 
 
 def source_at(path: Path) -> Source:
-    """Return the runs of a page: one run, which need not exist yet, or those of a folder."""
+    """Return the runs of a path: a run, which need not exist yet, or those of a folder."""
     if path.is_file():
         raise ConfigError(f"{path}: is a file; name a run folder, or a folder of run folders")
     if path.is_dir() and not _is_run(path):
         return RunsOfFolder(path)
     if not path.resolve().parent.is_dir():
-        raise ConfigError(f"{path}: there is no folder in which this run could come to be")
+        raise ConfigError(f"{path}: its parent folder does not exist")
     return OneRun(path)
 
 
 class _MeansReader:
-    """Reads the mean counts of every frame in a thread of its own, the newest frame first, for the curves."""
+    """Reads the mean counts of all frames for the curves in a thread of its own, the newest frame first."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -320,10 +320,10 @@ class _MeansReader:
         self._run: Run | None = None
         self._asked_s = 0.0
         self._thread: threading.Thread | None = None
-        self.problem = ""  #: Why frames cannot be read; empty if they can.
+        self.problem = ""  #: Reason why frames cannot be read; empty if they can.
 
     def curves(self, run: Run) -> Look:
-        """Return the curves so far, and read on."""
+        """Return the curves so far, and continue reading."""
         with self._lock:
             self._run, self._asked_s = run, time.monotonic()
             means: Means = dict(self._means)
@@ -360,7 +360,7 @@ class _MeansReader:
 
 
 class _Comparisons:
-    """Finds the comparisons in a folder; each file is read again only after it has changed."""
+    """Finds the comparisons in a folder. A file is read again only if it has changed."""
 
     def __init__(self) -> None:
         self._known: dict[Path, tuple[int, _Comparison | None]] = {}
@@ -387,7 +387,7 @@ def _is_run(path: Path) -> bool:
 
 
 def _times(run: Path) -> tuple[int, ...]:
-    """Return the times of the files that a row is made of; 0 for a missing one."""
+    """Return the times of the files from which a row is made; 0 for a missing file."""
     found = []
     for name in (SESSION_FILE, MANIFEST_FILE, EVENTS_FILE):
         try:
@@ -398,7 +398,7 @@ def _times(run: Path) -> tuple[int, ...]:
 
 
 def _document(run: Path, name: str) -> bytes | None:
-    """Return a page about a run; each is one file that needs no other."""
+    """Return a page about a run, a file that needs no other."""
     if name == "summary":
         file = run.with_name(f"{run.name}-{_SUMMARY}")
     else:
@@ -458,7 +458,7 @@ def _curve(name: str, looks: Sequence[CycleLook]) -> Look:
 
 
 def _json_files(folders: Sequence[Path]) -> Iterator[tuple[Path, int]]:
-    """Return the files that may be calibrations, with the time of each."""
+    """Return the files that may be calibrations, with their times."""
     for folder in folders:
         for path in sorted(folder.glob("*.json"))[:_MOST_FILES]:
             with suppress(OSError):  # a dangling link
@@ -466,16 +466,16 @@ def _json_files(folders: Sequence[Path]) -> Iterator[tuple[Path, int]]:
 
 
 def _unset_axis(run: Run) -> list[Look]:
-    """Return a row that says that the polarizer of the rig file is not calibrated yet; nothing if it is."""
+    """Return a row on an uncalibrated polarizer of the rig file; empty if it is calibrated."""
     return [_verdict("rig.toml", "axis of the polarizer", PLACEHOLDER)] if run.session.polarizer.placeholder else []
 
 
 def _verdict(file: str, kind: str, words: str) -> Look:
-    return {"file": file, "kind": kind, "made_utc": "", "valid_days": None, "verdict": "does not hold", "words": words}
+    return {"file": file, "kind": kind, "made_utc": "", "valid_days": None, "verdict": "not valid", "words": words}
 
 
 def _calibration(path: Path, run: Run) -> Look | None:
-    """Return whether a calibration holds for a run; None if the file is not a calibration."""
+    """Return whether a calibration is valid for a run; None if the file is not a calibration."""
     kind = kind_of(path)
     if kind is None:
         return None
@@ -486,7 +486,7 @@ def _calibration(path: Path, run: Run) -> Look | None:
         _, doubts = record_of(kind).read_fitting(path, run)
     except DataError as error:
         return look | {"words": str(error).replace(str(path), path.name)}
-    return look | {"verdict": "doubtful" if doubts else "holds", "words": "; ".join(doubts)}
+    return look | {"verdict": "doubtful" if doubts else "valid", "words": "; ".join(doubts)}
 
 
 def _or_problem(read: Callable[[], T], problems: list[str]) -> T | None:
@@ -553,7 +553,7 @@ def _last_events(events: Sequence[RunEvent], annotations: Sequence[Annotation]) 
     """Return the last events and annotations, the newest first, without readings of monitors."""
     shown = [event for event in events if event.event != READINGS_EVENT][-_EVENTS:]
     rows = [{"utc": event.utc, "event": event.event, "facts": event_facts(event)} for event in shown]
-    if annotations:  # without them events stay in their order, even if the clock was set back
+    if annotations:  # without annotations the order of events stays, even if the clock was set back
         rows += [{"utc": one.utc, "event": one.kind, "facts": one.facts} for one in annotations[-_EVENTS:]]
         rows.sort(key=lambda row: row["utc"])
     return rows[: -_EVENTS - 1 : -1]

@@ -1,6 +1,6 @@
-"""The server of a page: addresses, tokens, rights, and connections that are bounded in number and time.
+"""The server of a page: addresses, tokens, rights, and a bounded number of connections of bounded duration.
 
-There are two tokens, one for looking and one for acting. A browser exchanges the token of the address for a cookie.
+There are two tokens: one to look, one to act. A browser exchanges the token of the address for a cookie.
 """
 
 import asyncio
@@ -41,15 +41,15 @@ P = ParamSpec("P")
 T = TypeVar("T")
 MOST_BODY_BYTES = 1_000_000
 MOST_CONNECTIONS = 256
-# So long a connection stays even if others need its place, and so long an answer may take then.
+# Time that a connection may stay even if others need its place, and time for an answer after that.
 STAY_S, _ANSWER_S = 0.4, 2.0
-# From the opening of a connection, or from an answer, to the end of the next request's head.
+# Time from the opening of a connection, or from an answer, to the end of the next request's head.
 HEAD_S = 10.0
-# From accepting a connection to the end of its TLS handshake.
+# Time from accepting a connection to the end of its TLS handshake.
 HANDSHAKE_S = 5.0
 _REQUEST_TIMEOUT_S = 20.0
 _TOKEN_BYTES = 18
-# Scripts, styles and pictures come from here alone; pictures of the camera are made of what the socket brings.
+# Scripts, styles and pictures come from this server; pictures of the camera come through the socket.
 _POLICY = "; ".join(
     (
         "default-src 'none'",
@@ -69,15 +69,15 @@ _SAFE_HEADERS = (
     (b"cross-origin-opener-policy", b"same-origin"),
     (b"cache-control", b"no-store"),
 )
-# Those that wait to be accepted; more would have to knock again, a second later.
+# Connections that wait to be accepted; further ones have to try again a second later.
 _BACKLOG = 4096
 _LOOK_S = 0.02
 _SHUTDOWN_S = 2
-# An address kept for documentation: no network has it.
+# An address reserved for documentation, which no network has.
 _ELSEWHERE = "192.0.2.1"
 _QUESTION_BYTES = 4096
 _MOST_PORT = 65535
-# Below everything that a session does.
+# A lower priority than that of a session.
 _NICENESS = 10
 _SHOWN = 100
 _QUIET = 2
@@ -88,14 +88,14 @@ _HALVES = {(False, False): " ", (True, False): "▀", (False, True): "▄", (Tru
 class Place:
     """Address of a page on this machine."""
 
-    host: str = "127.0.0.1"  #: Address of this machine to listen at; 127.0.0.1 is for this machine alone.
-    port: int = 0  #: 0: any that is free.
-    certificate: Path | None = None  #: Files of a TLS certificate and its key; without them it is plain HTTP.
+    host: str = "127.0.0.1"  #: Address of this machine; only this machine can reach 127.0.0.1.
+    port: int = 0  #: 0 for any free port.
+    certificate: Path | None = None  #: Files of a TLS certificate and its key; without them the page is plain HTTP.
     key: Path | None = None
 
 
 def place_of(listen: str, certificate: Path | None = None, key: Path | None = None) -> Place:
-    """Return the address of a page, from text such as 127.0.0.1:8765; ConfigError if that is wrong."""
+    """Return the address of a page from text such as 127.0.0.1:8765; raise ConfigError if it is wrong."""
     host, _, port = listen.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
     if not host or not port.isdecimal() or int(port) > _MOST_PORT:
@@ -107,14 +107,14 @@ def place_of(listen: str, certificate: Path | None = None, key: Path | None = No
 
 @dataclass(frozen=True, kw_only=True)
 class Addresses:
-    """Addresses of a page: one only for looking, one for acting too."""
+    """Addresses of a page: one to look, one to look and act."""
 
     look_url: str
     act_url: str | None
 
     @property
     def is_for_others(self) -> bool:
-        """True if other machines can open them."""
+        """True if other machines can open the page."""
         return not is_loopback(urlsplit(self.look_url).hostname or "")
 
 
@@ -168,12 +168,12 @@ class PageServer:
 @with_config(ConfigDict(extra="forbid"))
 @dataclass(frozen=True, kw_only=True)
 class Access:
-    """Tokens and port of a page, as they are kept."""
+    """Tokens and port of a page, which are kept in a file."""
 
-    #: Tokens for looking and for acting.
+    #: Tokens to look and to act.
     look: Token = field(default_factory=lambda: secrets.token_urlsafe(_TOKEN_BYTES))
     act: Token = field(default_factory=lambda: secrets.token_urlsafe(_TOKEN_BYTES))
-    port: Annotated[int, Field(ge=0, le=_MOST_PORT)] = 0  #: The last port: the cookie belongs to it.
+    port: Annotated[int, Field(ge=0, le=_MOST_PORT)] = 0  #: The last port, to which the cookie belongs.
 
     def right_of(self, token: str) -> Right | None:
         """Return the right of a token; None for an unknown one."""
@@ -187,7 +187,7 @@ _ACCESS = TypeAdapter(Access)
 
 
 class Guard:
-    """Checks every request: it needs a token, a name of this host, and the origin of this page."""
+    """Checks requests: each needs a token, a name of this host, and the origin of this page."""
 
     def __init__(self, app: ASGIApp, access: Access, *, hosts: Iterable[str], port: int, is_secure: bool) -> None:
         self._app, self._access = app, access
@@ -217,14 +217,14 @@ class Guard:
     def _judged(self, scope: Scope, headers: Headers) -> tuple[Right | None, tuple[int, str] | None]:
         host = headers.get("host", "")
         if not self._is_our_host(host):
-            return None, (421, "not asked by a name of this machine; type the address as it was printed")
+            return None, (421, "the host name is not one of this machine; type the address as it was printed")
         right = self._right(scope, headers)
         if right is None:
             return None, (401, "no valid token: open the address that rigctl printed")
         origin = headers.get("origin")
         is_plain_look = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
         if origin is not None and not is_plain_look and origin.lower() != f"{self._scheme}://{host.lower()}":
-            return None, (403, "asked by another page")
+            return None, (403, "request from another page")
         if not is_plain_look and scope["type"] == "http" and right != "act":
             return None, (403, "this token may look, not act")
         if _body_bytes(headers) > MOST_BODY_BYTES:
@@ -250,7 +250,7 @@ class Guard:
         return next((right for right in rights if right is not None), None)
 
     def _with_cookie(self, scope: Scope) -> Response:
-        """Exchange the token of an address for a cookie, so that no history and no screenshot shows it."""
+        """Exchange the token of an address for a cookie, so that the browser's history does not show it."""
         rest = urlencode([(key, value) for key, value in parse_qsl(scope["query_string"].decode()) if key != "token"])
         # One slash: two would lead to another host.
         where = "/" + scope["path"].lstrip("/\\") + (f"?{rest}" if rest else "")
@@ -276,10 +276,10 @@ def is_loopback(address: str) -> bool:
 
 
 class BoundedServer(uvicorn.Server):
-    """Serves a bounded number of connections, each for a bounded time, and lets newcomers in one by one.
+    """Serves a bounded number of connections, each for a bounded time.
 
-    If all places are taken, a newcomer waits until the oldest connection has had `stay_s`, and takes its place. So
-    nobody keeps others out, and nobody is closed before a request can be read.
+    If all places are taken, a new connection waits until the oldest has stayed for `stay_s`, and takes its place. So no
+    client can block others, and no connection is closed before its request can be read.
     """
 
     def __init__(
@@ -303,7 +303,7 @@ class BoundedServer(uvicorn.Server):
         self._accepting = [asyncio.create_task(self._accept(one)) for one in sockets or ()]
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Accept no more connections and end those that are open."""
+        """Accept no more connections, and close the open ones."""
         for task in self._accepting:
             task.cancel()
         await super().shutdown(sockets)
@@ -314,7 +314,7 @@ class BoundedServer(uvicorn.Server):
         while True:
             try:
                 accepted, _ = await loop.sock_accept(listening)
-            except OSError:  # the other side has gone already, or no handle is free
+            except OSError:  # the client has gone already, or no file handle is free
                 await asyncio.sleep(_LOOK_S)
                 continue
             try:
@@ -323,7 +323,7 @@ class BoundedServer(uvicorn.Server):
                 accepted.close()
                 raise
             Connection(self).begin(accepted)
-            await asyncio.sleep(0.0)  # what has come on other connections is read in between
+            await asyncio.sleep(0.0)  # other connections are read in between
 
     async def _has_room(self) -> None:
         """Wait for a free place."""
@@ -346,11 +346,11 @@ class Connection(H11Protocol):
         self._server = server
         self._beginning: asyncio.Task[None] | None = None
         self._watch: asyncio.TimerHandle | None = None
-        #: When it was accepted, when the last answer was complete, and when the present one began [s].
+        #: Times of acceptance, of the end of the last answer, and of the beginning of the present one [s].
         self._born_s = self._silent_since_s = self._answer_since_s = self.loop.time()
 
     def begin(self, accepted: socket.socket) -> None:
-        """Take a place, and make the TLS handshake if there is one."""
+        """Occupy a place, and make the TLS handshake if there is one."""
         self._server.open_ones.add(self)
         self._beginning = self.loop.create_task(self._connected(accepted))
 
@@ -364,7 +364,7 @@ class Connection(H11Protocol):
             self._give_place()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin the wait for a request."""
+        """Begin to wait for a request."""
         super().connection_made(cast(asyncio.Transport, transport))
         self._watch = self.loop.call_later(self._server.head_s, self._look_after)
 
@@ -374,38 +374,38 @@ class Connection(H11Protocol):
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Take in a part of a request, and note when its answer begins."""
+        """Receive a part of a request, and note when its answer begins."""
         was_answered = self._is_answered()
         super().data_received(data)
         if self._is_answered() and not was_answered:
             self._answer_since_s = self.loop.time()
 
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
-        """Free its place: sockets are counted separately."""
+        """Free its place; sockets are counted separately."""
         self._give_place()
         super().handle_websocket_upgrade(event)
 
     def on_response_complete(self) -> None:
-        """Start the wait for the next request; of requests that were sent together only the first is answered."""
+        """Begin to wait for the next request. Of requests sent together only the first is answered."""
         self._silent_since_s = self.loop.time()
         if self.conn.trailing_data[0]:
             self.transport.close()
         super().on_response_complete()
 
     def stays_until_s(self) -> float:
-        """Return until when it may stay if others need its place [s]."""
+        """Return the time until which it may stay if others need its place [s]."""
         return self._answer_since_s + _ANSWER_S if self._is_answered() else self._born_s + self._server.stay_s
 
     def leave(self) -> None:
         """Close it to free its place."""
-        self._give_place()  # now: others may come before the connection is lost
+        self._give_place()  # at once, because others may come before the connection is lost
         if self._beginning is not None and not self._beginning.done():
             self._beginning.cancel()
         else:
             self.transport.abort()
 
     def _is_answered(self) -> bool:
-        """Return whether a request is complete and its answer is not."""
+        """Return whether a request is complete but its answer is not."""
         return self.cycle is not None and not (self.cycle.response_complete or self.cycle.more_body)
 
     def _look_after(self) -> None:
@@ -424,7 +424,7 @@ class Connection(H11Protocol):
 
 
 class _Socket(WebSocketsSansIOProtocol):
-    """A socket that is gone soon after it was closed, even if the other side does not agree."""
+    """A socket that ends soon after it was closed, even if the client does not confirm."""
 
     def __init__(self, *given: Any, **named: Any) -> None:
         super().__init__(*given, **named)
@@ -432,7 +432,7 @@ class _Socket(WebSocketsSansIOProtocol):
 
 
 def qr_text(text: str) -> str:
-    """Return a text as a QR code, two rows of it a line: light on dark, as terminals are."""
+    """Return a text as a QR code, light on dark, two rows of the code per line."""
     try:
         found = cv2.QRCodeEncoder.create().encode(text)
     except cv2.error as error:
@@ -448,7 +448,7 @@ def qr_text(text: str) -> str:
 
 
 def _trimmed(code: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a code without its light rim, which differs between versions of OpenCV."""
+    """Return a code without its margin, which differs between versions of OpenCV."""
     rows, columns = np.nonzero(code == 0)
     return code[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
 
@@ -464,7 +464,7 @@ def _config(app: ASGIApp) -> uvicorn.Config:
         timeout_keep_alive=int(HEAD_S),
         timeout_graceful_shutdown=_SHUTDOWN_S,
         ws_max_size=_QUESTION_BYTES,
-        ws_per_message_deflate=False,  # a JPEG grows no smaller by it, and it takes three times what drawing one does
+        ws_per_message_deflate=False,  # compression does not shrink a JPEG, and takes three times as long as drawing it
         h11_max_incomplete_event_size=_QUESTION_BYTES * 4,
     )
 
@@ -479,7 +479,7 @@ def _tls(place: Place) -> ssl.SSLContext:
 
 
 def _kept_access(file: Path) -> Access | None:
-    """Return the kept tokens; None if there are none, or other users could have read them."""
+    """Return the stored tokens; None if there are none, or if other users could have read them."""
     try:
         facts = file.lstat()
         if not stat.S_ISREG(facts.st_mode) or facts.st_uid != os.getuid() or facts.st_mode & 0o077:
@@ -490,7 +490,7 @@ def _kept_access(file: Path) -> Access | None:
 
 
 def _keep_access(file: Path, access: Access) -> None:
-    """Keep tokens for the next start, readable only by this user; not in a folder that cannot be written."""
+    """Store tokens for the next start, readable only by this user, if the folder can be written."""
     part = file.with_name(f"{file.name}.{os.getpid()}")
     with suppress(OSError):
         descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
@@ -500,7 +500,7 @@ def _keep_access(file: Path, access: Access) -> None:
 
 
 def _listening(place: Place, usual_port: int = 0) -> socket.socket:
-    """Return a listening socket; if any port will do, at the usual port if it is free."""
+    """Return a listening socket; if any port is allowed, at the usual port if it is free."""
     if usual_port and not place.port:
         with suppress(ConfigError):
             return _listening(replace(place, port=usual_port))
@@ -510,7 +510,7 @@ def _listening(place: Place, usual_port: int = 0) -> socket.socket:
     try:
         listening.bind((place.host, place.port))
         listening.listen(_BACKLOG)
-    except (OSError, ValueError) as error:  # a name that no network can have is a UnicodeError
+    except (OSError, ValueError) as error:  # an impossible host name is a UnicodeError
         listening.close()
         reason = error.strerror if isinstance(error, OSError) else "is no address"
         raise ConfigError(
@@ -520,14 +520,14 @@ def _listening(place: Place, usual_port: int = 0) -> socket.socket:
 
 
 def _shown(host: str) -> str:
-    """Return an address for a browser; for "all addresses" the one that other machines see."""
+    """Return an address for a browser: for "all addresses", the one that other machines see."""
     if host in ("0.0.0.0", "::"):
         host = _seen_by_others()
     return f"[{host}]" if ":" in host else host
 
 
 def _seen_by_others() -> str:
-    """Return this machine's address on the way to other networks, else its name; nothing is sent to find out."""
+    """Return this machine's address towards other networks, otherwise its name. Nothing is sent for it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
         try:
             asked.connect((_ELSEWHERE, 1))
@@ -537,7 +537,7 @@ def _seen_by_others() -> str:
 
 
 def _in_time(part: Callable[P, Awaitable[T]]) -> Callable[P, Awaitable[T]]:
-    """Return a part of a conversation that ends in time: people may not dawdle, but an act takes its time."""
+    """Give a part of the handling of a request a timeout."""
 
     async def bounded(*arguments: P.args, **keywords: P.kwargs) -> T:
         async with asyncio.timeout(_REQUEST_TIMEOUT_S):

@@ -118,7 +118,7 @@ def test_devices_are_seen_live_and_given_back(act: Page) -> None:
     assert act.ask("/api/dark", {})[0] == 422
 
 
-def test_a_session_is_planned_started_asked_for_hands_and_finished(act: Page, folder: Path) -> None:
+def test_a_session_is_planned_started_held_for_a_person_and_finished(act: Page, folder: Path) -> None:
     assert "5 frames (1 dark, 0 flat, 4 scene)" in act.ask("/api/plan", {"session": "short.toml"})[1]["plan"]
     status, answer = act.ask("/api/start", {"session": "short.toml"})
     assert status == 200

@@ -5,13 +5,13 @@ let seenTask = "rest";
 
 async function act(name, content) {
   const response = await fetch(`/api/${name}`, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(content || {}) });
-  const told = await response.json().catch(() => ({ error: response.statusText }));
-  $("said").textContent = told.error || (name === "task" ? "" : told.done) || (told.file ? `written: ${told.file}` : "");
-  return response.ok ? told : null;
+  const answer = await response.json().catch(() => ({ error: response.statusText }));
+  $("said").textContent = answer.error || (name === "task" ? "" : answer.done) || (answer.file ? `written: ${answer.file}` : "");
+  return response.ok ? answer : null;
 }
 const task = (kind) => act("task", { kind, exposure_ms: Number($("exposure").value) || null, gain_db: Number($("gain").value), zoom: Number($("zoom").value) });
 for (const name of SETTINGS) {
-  $(name).oninput = () => { $(name).dataset.told = "yes"; };
+  $(name).oninput = () => { $(name).dataset.filled = "yes"; };
   $(name).onchange = () => { if (seenTask !== "rest") task(seenTask); };
 }
 for (const button of document.querySelectorAll("[data-task]")) button.onclick = () => task(button.dataset.task);
@@ -19,11 +19,11 @@ $("turn").onclick = () => act("turn", { angle_deg: Number($("angle").value) });
 $("dark").onclick = () => act("dark");
 
 function showRig(state) {
-  $("rig").hidden = !state.hands || state.right !== "act";
+  $("rig").hidden = !state.actions || state.right !== "act";
   if ($("rig").hidden) return;
   for (const one of document.querySelectorAll("[data-act]")) one.hidden = !state.acts.includes(one.dataset.act);
   $("region-save").textContent = `Write ${state.regions_file}`;
-  if (!$("regions").dataset.told) { $("regions").dataset.told = "yes"; drawn.push(...state.drawn); regions(); }
+  if (!$("regions").dataset.filled) { $("regions").dataset.filled = "yes"; drawn.push(...state.drawn); regions(); }
   tellRig(state.rig);
   const names = state.sessions.join();
   if ($("session").dataset.names !== names) { $("session").dataset.names = names; $("session").replaceChildren(); for (const name of state.sessions) put($("session"), "option", name); }
@@ -35,7 +35,7 @@ function tellRig(rig) {
   seenTask = rig.task;
   // Settings that others began with, the first time that there are any.
   const settings = { exposure: rig.is_automatic ? "" : Number(rig.exposure_ms.toPrecision(6)), gain: rig.gain_db, zoom: rig.zoom };
-  if (rig.task !== "rest") for (const name of SETTINGS) if (!$(name).dataset.told) { $(name).dataset.told = "yes"; $(name).value = settings[name]; }
+  if (rig.task !== "rest") for (const name of SETTINGS) if (!$(name).dataset.filled) { $(name).dataset.filled = "yes"; $(name).value = settings[name]; }
   for (const button of document.querySelectorAll("[data-task]")) { const kind = button.dataset.task; button.setAttribute("aria-pressed", kind === rig.task && kind !== "rest"); button.disabled = kind === "rest" && kind === rig.task; button.classList.toggle("main", kind === "preview" && rig.task === "rest"); }
   const words = [rig.problem || (rig.task === "rest" ? "" : `${Number(rig.exposure_ms.toPrecision(4))} ms${rig.is_automatic ? " (automatic)" : ""}, brightest ${(100 * rig.brightest).toFixed(0)} % of the range, ${percent(rig.clipped)} saturated`)];
   if (rig.angle_deg !== null) words.push(`polarizer ${(Math.round(100 * rig.angle_deg) / 100 % 180).toFixed(2)} deg`);
@@ -57,7 +57,7 @@ function tellRig(rig) {
 }
 
 async function rigPictures(state) {
-  if (!state.hands || state.right !== "act") return false;
+  if (!state.actions || state.right !== "act") return false;
   let isNew = false;
   for (const name of ["view", ...(state.rig.maps_sequence ? MAPS : [])]) {
     const canvas = $(name === "view" ? "view" : `live-${name}`);
@@ -154,17 +154,17 @@ $("region-add").onclick = () => {
 $("region-undo").onclick = () => { if (corners.length) { corners.pop(); outline(); } else { drawn.pop(); regions(); } };
 $("region-save").onclick = async () => {
   if (corners.length) { $("said").textContent = "add the region whose corners are set first, or take them back"; return; }
-  const told = await act("regions", { regions: drawn }).catch(() => null);
+  const answer = await act("regions", { regions: drawn }).catch(() => null);
   $("said").scrollIntoView({ block: "nearest" });
-  if (!told) { if (!$("said").textContent) $("said").textContent = "not heard; nothing was written"; return; }
-  if (newest.is_once) { isOver = true; $("lost").hidden = true; $("region-save").disabled = true; $("said").textContent = `sent: ${told.file} is written. This page can be closed.`; }
+  if (!answer) { if (!$("said").textContent) $("said").textContent = "no answer; nothing was written"; return; }
+  if (newest.is_once) { isOver = true; $("lost").hidden = true; $("region-save").disabled = true; $("said").textContent = `sent: ${answer.file} is written. This page can be closed.`; }
 };
 
-$("plan").onclick = async () => { const told = await act("plan", { session: $("session").value }); $("plan-text").textContent = told ? told.plan : ""; };
+$("plan").onclick = async () => { const answer = await act("plan", { session: $("session").value }); $("plan-text").textContent = answer ? answer.plan : ""; };
 $("session").onchange = () => { $("plan-text").textContent = ""; };
 $("start").onclick = async () => {
   $("start").disabled = true;
-  const told = await act("start", { session: $("session").value });
+  const answer = await act("start", { session: $("session").value });
   $("start").disabled = false;
-  if (told) { $("said").textContent = `Started: ${told.run}`; const wait = setInterval(() => { if (newest && newest.runs && newest.runs.some((row) => row.run === told.run)) { clearInterval(wait); go(told.run); } }, 500); }
+  if (answer) { $("said").textContent = `Started: ${answer.run}`; const wait = setInterval(() => { if (newest && newest.runs && newest.runs.some((row) => row.run === answer.run)) { clearInterval(wait); go(answer.run); } }, 500); }
 };

@@ -27,7 +27,7 @@ function connect() {
   socket = own;
   own.binaryType = "arraybuffer";
   own.onopen = () => { tries = 0; known = {}; $("lost").classList.remove("again"); work(own); };
-  own.onmessage = (event) => { lastHeard = Date.now(); if (!$("lost").classList.contains("again")) $("lost").hidden = true; if (waiting) { const told = waiting; waiting = null; told.resolve(event.data); } };
+  own.onmessage = (event) => { lastHeard = Date.now(); if (!$("lost").classList.contains("again")) $("lost").hidden = true; if (waiting) { const asked = waiting; waiting = null; asked.resolve(event.data); } };
   own.onclose = () => lost(own);
   setTimeout(() => { if (own.readyState === WebSocket.CONNECTING) lost(own); }, STALL_MS);
 }
@@ -78,12 +78,12 @@ function withCurves(state) {
 
 async function work(own) {
   document.body.dataset.link = "up";
-  let told = 0;
+  let shown = 0;
   try {
     while (own === socket && own.readyState === WebSocket.OPEN) {
       if (document.hidden) { await pause(IDLE_MS); continue; }
-      const each = newest && newest.runs && !newest.hands ? LIST_MS : STATE_MS;
-      if (Date.now() - told > each) { told = Date.now(); newest = withCurves(JSON.parse(await ask({ want: "state", curves: curvesKey }))); heardFrom(newest); show(newest); }
+      const each = newest && newest.runs && !newest.actions ? LIST_MS : STATE_MS;
+      if (Date.now() - shown > each) { shown = Date.now(); newest = withCurves(JSON.parse(await ask({ want: "state", curves: curvesKey }))); heardFrom(newest); show(newest); }
       const isNew = newest.runs ? await rigPictures(newest) : await pictures();
       if (!isNew) await pause(IDLE_MS);
     }
@@ -121,9 +121,9 @@ function show(state) {
   const since = ["stale", "interrupted", "finished", "stopped", "holding", "waiting"].includes(state.state) && state.since_utc ? ` since ${utc(state.since_utc)}` : "";
   $("state").textContent = state.state + since; $("state").className = `pill ${state.state}`;
   $("simulated").hidden = !state.is_simulated;
-  const canAct = state.right === "act" && state.hands;
+  const canAct = state.right === "act" && state.actions;
   $("advice").textContent = canAct ? state.advice.replace(/ Continue with rigctl resume .*/, " Press Continue.") : state.advice; $("advice").hidden = !state.advice;
-  facts(state); angles(state.newest); hands(state); curves(state.curves); calibrations(state.calibrations);
+  facts(state); angles(state.newest); controls(state); curves(state.curves); calibrations(state.calibrations);
   for (const part of [document.querySelector("#maps .maps"), $("dolp-top").parentNode]) part.hidden = !state.maps_of;
   $("maps-of").textContent = state.maps_of ? `of the last cycle: ${state.maps_of}` : "No maps yet: they need a whole cycle.";
   $("events").replaceChildren(); for (const one of state.events) { const line = put($("events"), "li"); put(line, "small", `${utc(one.utc)} `); put(line, "b", one.event); line.append(` ${one.facts}`); }
@@ -132,7 +132,7 @@ function show(state) {
 
 function facts(state) {
   const number = (value, digits, unit) => (value === null || value === undefined ? null : `${value.toFixed(digits)} ${unit}`);
-  const told = [
+  const pairs = [
     ["frames", state.frames_planned ? `${state.frames} of ${state.frames_planned}` : `${state.frames}`], ["last frame", state.step],
     ["time left", state.remaining_s === null ? null : span(Math.max(0, state.remaining_s))], ["ends", state.end_utc && utc(state.end_utc)],
     ["sun zenith", number(state.sun_zenith_deg, 1, "deg")], ["sun azimuth", number(state.sun_azimuth_deg, 1, "deg")],
@@ -140,21 +140,21 @@ function facts(state) {
     ["sum rule", last(state.curves && state.curves.sum_rule, 4, "")], ["drift", last(state.curves && state.curves.drift_percent_per_min, 2, "%/min")],
   ];
   $("facts").replaceChildren();
-  for (const [name, value] of told) if (value) { const box = put($("facts"), "div"); put(box, "dt", name); put(box, "dd", value); }
+  for (const [name, value] of pairs) if (value) { const box = put($("facts"), "div"); put(box, "dt", name); put(box, "dd", value); }
 }
 const last = (values, digits, unit) => { const found = (values || []).filter((v) => v !== null); return found.length ? `${found[found.length - 1].toFixed(digits)} ${unit}` : null; };
 
 function calibrations(found) {
-  const told = JSON.stringify(found);
-  if ($("calibration-rows").dataset.told === told) return;
-  $("calibration-rows").dataset.told = told;
+  const text = JSON.stringify(found);
+  if ($("calibration-rows").dataset.text === text) return;
+  $("calibration-rows").dataset.text = text;
   $("no-calibrations").hidden = found.length > 0; $("calibration-rows").parentNode.hidden = !found.length;
   $("calibration-rows").replaceChildren();
-  const looks = { holds: "finished", doubtful: "waiting", "does not hold": "interrupted" };
+  const looks = { valid: "finished", doubtful: "waiting", "not valid": "interrupted" };
   for (const one of found) {
     const line = put($("calibration-rows"), "tr");
     put(line, "td", one.kind, { "data-of": "kind" }); put(line, "td", one.file, { "data-of": "file" }); put(line, "td", utc(one.made_utc), { "data-of": "made" });
-    put(line, "td", one.valid_days === null ? "" : one.valid_days, { class: "number", "data-of": "holds for [days]" });
+    put(line, "td", one.valid_days === null ? "" : one.valid_days, { class: "number", "data-of": "valid for [days]" });
     const verdict = put(line, "td", null, { "data-of": "for this run" });
     put(verdict, "b", one.verdict, { class: looks[one.verdict] });
     if (one.words) verdict.append(`: ${one.words}`);
@@ -176,10 +176,10 @@ function angles(frames) {
   $("frame-text").textContent = one ? `${utc(one.utc)}, ${one.exposure_ms === null ? "exposure not known" : Number(one.exposure_ms.toPrecision(4)) + " ms"}, ${percent(one.clipped)} saturated (striped red); stretched for the eye` : "No frame yet.";
 }
 
-function hands(state) {
+function controls(state) {
   const going = ["live", "holding", "waiting", "stale"].includes(state.state);
-  $("hands").hidden = state.right !== "act" || !state.hands || state.state === "finished";
-  if ($("hands").dataset.state !== state.state) { $("hands").dataset.state = state.state; $("done").textContent = ""; }
+  $("controls").hidden = state.right !== "act" || !state.actions || state.state === "finished";
+  if ($("controls").dataset.state !== state.state) { $("controls").dataset.state = state.state; $("done").textContent = ""; }
   $("hold").disabled = !going || state.state === "holding"; $("stop").disabled = !going;
   $("resume").disabled = !["holding", "stopped", "interrupted"].includes(state.state);
   $("resume").classList.toggle("main", !$("resume").disabled); // the next step
@@ -251,14 +251,14 @@ window.onresize = () => { plots = {}; if (newest && newest.curves) curves(newest
 history.scrollRestoration = "manual"; // another state begins at its top
 function go(name) { history.pushState(null, "", name ? `?run=${encodeURIComponent(name)}` : "?"); location.reload(); }
 
-function list({ runs: rows, title, hands }) {
-  $("run").textContent = title || (hands ? "Rig" : "Runs"); $("state").textContent = rows.length === 1 ? "1 run" : `${rows.length} runs`; $("state").className = "pill plain"; $("advice").hidden = true;
+function list({ runs: rows, title, actions }) {
+  $("run").textContent = title || (actions ? "Rig" : "Runs"); $("state").textContent = rows.length === 1 ? "1 run" : `${rows.length} runs`; $("state").className = "pill plain"; $("advice").hidden = true;
   $("state").hidden = Boolean(title); $("runs").hidden = Boolean(title) || !rows.length; $("no-runs").hidden = Boolean(title) || rows.length > 0;
-  $("no-runs").textContent = hands ? "No runs yet. Choose a session and press Start." : "No runs yet. A run appears here as soon as rigctl acquire has begun it.";
+  $("no-runs").textContent = actions ? "No runs yet. Choose a session and press Start." : "No runs yet. A run appears here as soon as rigctl acquire has begun it.";
   document.title = `rigctl: ${title || "runs"}`;
-  const told = JSON.stringify(rows);
-  if ($("rows").dataset.told === told) return;
-  $("rows").dataset.told = told;
+  const text = JSON.stringify(rows);
+  if ($("rows").dataset.text === text) return;
+  $("rows").dataset.text = text;
   const body = document.createDocumentFragment();
   for (const row of rows) {
     const line = put(body, "tr");

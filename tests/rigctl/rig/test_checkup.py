@@ -118,7 +118,7 @@ def test_the_demand_on_the_disk_follows_from_the_session(tmp_path, capsys):
     files = [str(EXAMPLES / name) for name in ("rig-sim.toml", "session.toml")]
     assert main(["doctor", *files, "--frames", "2", "--folder", str(tmp_path)]) in (0, 3)
     told = capsys.readouterr().out
-    assert "the session takes" in told
+    assert "the session needs" in told
     assert "every 16.7 ms" not in told
 
 

@@ -207,10 +207,10 @@ def test_calibrations_beside_a_run_say_whether_they_hold_for_it(tmp_path: Path) 
         file.truncate(6_000_000_000)
     found = {one["file"]: one for one in RunReader(tmp_path / "runs" / "run").calibrations()}
     assert {name: (one["kind"], one["verdict"]) for name, one in found.items()} == {
-        "ours.json": ("noise", "holds"),
+        "ours.json": ("noise", "valid"),
         "old.json": ("noise", "doubtful"),
-        "theirs.json": ("noise", "does not hold"),
-        "axis.json": ("polarizer", "does not hold"),
+        "theirs.json": ("noise", "not valid"),
+        "axis.json": ("polarizer", "not valid"),
     }
     assert (found["ours.json"]["made_utc"], found["ours.json"]["valid_days"]) == ("2026-05-01T10:00:00Z", 30.0)
     assert found["old.json"]["valid_days"] == 365.0
