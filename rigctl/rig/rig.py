@@ -269,7 +269,7 @@ def _require_serial(what: str, configured: str | None, found: DeviceIdentity) ->
     if configured is not None and configured != found.serial_number:
         raise NotConnectedError(
             f"the {what} is {found.model} with serial number {found.serial_number}, and the rig file asks for "
-            f"{configured}: another device answers there. Mend its address or serial_number"
+            f"{configured}: another device answers there. Correct its address or serial_number"
         )
 
 

@@ -52,7 +52,7 @@ def index(root: Root, /) -> "IndexUpdate":
 
 @dataclass(frozen=True)
 class IndexUpdate(Result):
-    """What an update of an index did."""
+    """Result of an update of the index."""
 
     found: "Indexed"
 
@@ -97,14 +97,14 @@ def find(root: Root, expression: str, /, *, csv: bool = False) -> "FoundRows":
 
 @dataclass(frozen=True, kw_only=True)
 class FoundRows(Result):
-    """Rows of an archive that were asked for."""
+    """Rows of an archive that fulfil a condition."""
 
     rows: "tuple[dict[str, Fact], ...]"
-    csv: bool = False  #: whether people get all columns as CSV
+    csv: bool = False  #: print CSV with all columns
 
     @property
     def runs(self) -> tuple[str, ...]:
-        """The runs among the rows, each once."""
+        """The different runs among the rows."""
         return tuple(dict.fromkeys(str(row["run"]) for row in self.rows))
 
     def content(self) -> Iterable[Part]:
@@ -150,7 +150,7 @@ def health(root: Root, /) -> "RigHealth":
 
 @dataclass(frozen=True)
 class RigHealth(Result):
-    """How a rig fared over all runs of an archive."""
+    """Changes of a rig over the runs of an archive."""
 
     found: "ArchiveHealth"
 
@@ -173,12 +173,12 @@ class RigHealth(Result):
 
 
 class ManyRuns(EngineOptions, total=False):
-    """Which runs of an archive are worked on.
+    """Selection of runs of an archive.
 
     Parameters
     ----------
     where : str
-        Runs of which this expression holds, as in `archive find`; all unless given.
+        Only runs that fulfil this expression, as in `archive find`; default: all runs.
     """
 
     where: str | None
@@ -188,7 +188,7 @@ extend_help(ManyRuns, EngineOptions)
 
 
 class ManyResults(ManyRuns, total=False):
-    """Which runs of an archive are worked on, and what is written of each.
+    """Selection of runs of an archive, and files to write for each.
 
     Parameters
     ----------
@@ -203,11 +203,11 @@ class ManyResults(ManyRuns, total=False):
 
 
 class ManyMeasured(FrameOptions, ManyResults, total=False):
-    """How the runs of an archive are measured."""
+    """Options of `archive stokes`."""
 
 
 class ManyCompared(CompareOptions, ManyResults, total=False):
-    """How the runs of an archive are compared with the model."""
+    """Options of `archive compare`."""
 
 
 extend_help(ManyResults, ManyRuns)
@@ -242,7 +242,7 @@ def compare(
     scene : path
         Scene file.
     **options
-        As of a single run, and which runs, see `ManyCompared`.
+        As of `rigctl compare`, and a selection of runs, see `ManyCompared`.
     """
     from rigctl.verbs.compare import require_possible
 
@@ -289,13 +289,13 @@ def verify(root: Root, /, *, out: Out, **options: Unpack[ManyRuns]) -> Result:
     out : path
         Folder for table, page and finished runs.
     **options
-        Which runs, see `ManyRuns`.
+        Selection of runs, see `ManyRuns`.
     """
     return _over_runs("verify", root, out, options)
 
 
 def recalibrate(root: Root, /, *, out: Out, scene: FilePath | None = None, **options: Unpack[ManyMeasured]) -> Result:
-    """Measure every selected run again, with other calibrations or those that the store has today.
+    """Measure every selected run again, with other calibrations or the present ones of the store.
 
     The table has each number twice: with the new calibrations, and without calibration and with the axis of the run's
     rig file. Polarizer angles are computed again from the stage angles with the calibrated axis. The runs are not
@@ -317,12 +317,12 @@ def recalibrate(root: Root, /, *, out: Out, scene: FilePath | None = None, **opt
         As of a single run, and which runs, see `ManyMeasured`.
     """
     if options.get("regions") is None and scene is None:
-        raise ConfigError("give --regions FILE, or --scene FILE for its regions: numbers are of regions")
+        raise ConfigError("give --regions FILE, or --scene FILE for its regions: numbers are given for regions")
     return _over_runs("recalibrate", root, out, options, scene=scene)
 
 
 def _of_single(options: Mapping[str, Any]) -> CompareOptions:
-    """Return the options that the verb of a single run has too."""
+    """Return the options of the verb for a single run."""
     many = get_type_hints(ManyResults)
     return cast("CompareOptions", {name: value for name, value in options.items() if name not in many})
 

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from rigctl.files.toml import Uncertain
     from rigctl.runs.folder import Run as RunRecord
 
-# Scans know a direction to hundredths of a degree: what is farther off is a mistake, or light that changed.
+# Scans measure a direction to hundredths of a degree; a larger difference is a mistake, or a change of the light.
 _DISAGREEING_RAD = math.radians(0.5)
-# A DoLP at which the effect of harmonics on AoLP is shown.
+# DoLP for which the effect of harmonics on AoLP is shown.
 _SHOWN_DOLP = 0.3
 
 
@@ -143,10 +143,10 @@ def axis(
 class AxisResult(Result):
     """A polarizer calibration."""
 
-    calibration: "PolarizerCalibration"  #: of the first region, or of the whole picture
-    regions: "dict[str, PolarizerCalibration]"  #: of each region by itself
+    calibration: "PolarizerCalibration"  #: for the first region, or the whole picture
+    regions: "dict[str, PolarizerCalibration]"  #: by region
     file: dict[str, Json]
-    is_generator_taken_as_perfect: bool  #: nothing was known of its DoLP
+    is_generator_taken_as_perfect: bool  #: the DoLP of the generator was not given
 
     def content(self) -> Iterable[Part]:
         """Return sense, offset, extinction and residual harmonics, and the lines for the rig file."""
@@ -169,7 +169,7 @@ class AxisResult(Result):
         yield "for the rig file:"
         yield rig_lines(found)
         if self.is_generator_taken_as_perfect:
-            yield "the generator is taken as perfect: what it leaks is in the extinction ratio; give --dolp"
+            yield "the generator is assumed to be perfect, so its leakage lowers the extinction ratio; give --dolp"
 
     def as_json(self) -> dict[str, Json]:
         """Return the content of the calibration file."""

@@ -93,14 +93,14 @@ def bundle(
 
 @dataclass(frozen=True, kw_only=True)
 class Bundle(Result):
-    """A bundle: its file, what is in it, and the frames among that."""
+    """A bundle: its file, the names in it, and the number of frames."""
 
     path: Path
     names: tuple[str, ...]
     frames: int
 
     def content(self) -> Iterable[Part]:
-        """Return the file, and how much is in it."""
+        """Return the file, and the number of files in it."""
         yield f"{self.path}: {len(self.names)} files, {self.frames} frames among them"
 
     def as_json(self) -> dict[str, Json]:
@@ -163,7 +163,7 @@ def _verified(run_path: Path) -> Iterator[str]:
 
 
 def _checked() -> Iterator[str]:
-    """Check up the machine alone: no device is touched."""
+    """Check the machine without its devices."""
     from rigctl.verbs.doctor import check_up
 
     with tempfile.TemporaryDirectory() as folder:
@@ -173,7 +173,7 @@ def _checked() -> Iterator[str]:
 
 
 def _frames(run_path: Path, scrubber: "Scrubber", count: int) -> Iterator[tuple[str, bytes]]:
-    """Yield some frames of a run with new headers; those that cannot be read are left out."""
+    """Yield some frames of a run with new headers; unreadable ones are left out."""
     from rigctl.runs.fits import encode_frame, header_cards
     from rigctl.runs.folder import read_frame, read_run
 
@@ -218,19 +218,19 @@ def _write(out: Path, packed: dict[str, bytes]) -> None:
         raise ConfigError(f"--out: {out} cannot be written: {error.strerror}") from error
 
 
-# Names that say nothing of anybody.
+# Names that identify nobody.
 _PLAIN_NAMES = frozenset({"root", "user", "pi", "home", "admin", "localhost", ""})
 _LEAST_NAME = 3
 _URL = re.compile(r"\b[a-zA-Z][a-zA-Z0-9+.-]*://[^\s\"'<>]+")
 _MAIL = re.compile(r"\b[\w.+-]+@[\w-]+(?:\.[\w-]+)+\b")
 _HOME = re.compile(r"(/(?:home|Users|media|run/media)/)[^/\s\"',:;]+")
-# A word that names a secret, and what follows it: token=..., "password": "...", Authorization: Bearer ...
+# A word for a secret, and its value: token=..., "password": "...", Authorization: Bearer ...
 _NAMED_SECRET = re.compile(
     r"(?i)([\"']?[\w.-]*(?:token|passw(?:or)?d|passphrase|secret|api[_-]?key|authorization|credential|cookie)[\w.-]*"
     r"[\"']?\s*(?:=|:|\s)\s*)(?:(?:bearer|basic|token)\s+)?(\"[^\"]*\"|'[^']*'|[^\s,;&\"')\]}]+)"
 )
 _BEARER = re.compile(r"(?i)\b(bearer|basic)\s+[\w.~+/=-]{6,}")
-# Keys whose whole value goes, whatever it holds.
+# Keys whose whole value is left out.
 _SECRET_KEY = re.compile(r"(?i)token|passw|passphrase|secret|api_?key|authorization|credential|cookie")
 _SECRET_TABLES = frozenset({"notify"})
 _SECRET_OPTIONS = frozenset({"command", "webhook", "ask"})
@@ -240,13 +240,13 @@ _ASSIGNED = re.compile(r"^(\s*)([\w.\"-]+)(\s*=)")
 
 @dataclass(frozen=True, kw_only=True)
 class Scrubber:
-    """Takes secrets and names out of texts: web addresses, tokens, users, the machine."""
+    """Removes secrets and names from texts: web addresses, tokens, users, the machine."""
 
-    names: tuple[tuple[str, str], ...] = ()  #: words of this machine and its user, and what replaces them
+    names: tuple[tuple[str, str], ...] = ()  #: names of this machine and its users, and their replacements
 
     @classmethod
     def of_this_machine(cls) -> "Scrubber":
-        """Return one that knows the names of this machine and of whoever works at it."""
+        """Return a scrubber with the names of this machine and its user."""
         try:
             user = getpass.getuser()
         except (KeyError, OSError):
@@ -268,12 +268,12 @@ class Scrubber:
         return text
 
     def content(self, content: Json) -> Json:
-        """Return what JSON holds, without secrets and names."""
+        """Return JSON content without secrets and names."""
         found: Json = rewritten(content, text=self.text, value=_without_secret)
         return found
 
     def toml(self, text: str) -> str:
-        """Return a file that a person wrote, without secrets and names; its comments are kept."""
+        """Return a TOML file without secrets and names; its comments are kept."""
         lines, table, depth = [], "", 0
         for line in text.splitlines():
             header = _HEADER.match(line)
@@ -286,7 +286,7 @@ class Scrubber:
                 continue
             if depth == 0 and assigned is not None:
                 lines.append(f'{assigned[1]}{assigned[2]}{assigned[3]} "{LEFT_OUT}"')
-            # A value may go on in the next lines: all of them go.
+            # A value may continue on the next lines, which are left out, too.
             depth = max(0, depth + sum(line.count(one) for one in "[{") - sum(line.count(one) for one in "]}"))
         return "\n".join([*lines, ""])
 
@@ -300,6 +300,6 @@ def _is_secret(table: str, key: str) -> bool:
     last = table.rpartition(".")[2].strip('"')
     if last in _SECRET_TABLES or table.partition(".")[0] in _SECRET_TABLES:
         return True
-    # Options of a monitor may stand in one line with what it asks and whom.
+    # The options of a monitor may be on one line with its commands and addresses.
     is_options = table.partition(".")[0] == "monitors" and key in ("options", *_SECRET_OPTIONS)
     return is_options or key in _SECRET_TABLES or bool(_SECRET_KEY.search(key)) or key in ("command", "webhook")

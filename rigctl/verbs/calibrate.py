@@ -48,7 +48,7 @@ _BOARD = re.compile(r"(\d{1,3})x(\d{1,3})")
 _LEAST_CORNERS = 3
 # A pattern below this is rounding.
 _LEAST_PATTERN = 1e-4
-# Causes of an error that are printed, and the least share of one.
+# Largest number of causes of an error that are printed, and the least share of one.
 _MOST_CAUSES, _LEAST_SHARE = 6, 0.01
 
 
@@ -177,14 +177,14 @@ def noise(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoiseResult(Result):
-    """A noise calibration, its frames, and when it was made."""
+    """A noise calibration with its frames and the time at which it was made."""
 
     calibration: "NoiseCalibration"
     frames: "FrameSet"
     created_ns: int  #: since 1970 UTC
 
     def content(self) -> Iterable[Part]:
-        """Return the numbers that people ask for first, all of them as a table, what is unknown, and the flags."""
+        """Return the most important numbers, a table of all, the undetermined ones, and the flags."""
         from calibration.sensor.noise import first_lines
         from rigctl.report.noise import calibration_rows, calibration_table, unknown_lines
 
@@ -251,7 +251,7 @@ def _overscan_box(text: str | None) -> tuple[int, int, int, int] | None:
 def _with_black_level(
     frames: "FrameSet", level_dn: float | None, error_dn: float | None, box: tuple[int, int, int, int] | None
 ) -> "FrameSet":
-    """Return frames with the black level that stands for dark frames, if one is given."""
+    """Return frames with the black level that replaces dark frames, if one is given."""
     from dataclasses import replace
 
     from calibration.estimate import Estimate
@@ -334,7 +334,7 @@ class DoublingResult(Result):
     found: "DoublingTemperature"
 
     def content(self) -> Iterable[Part]:
-        """Return it in a sentence."""
+        """Return a sentence."""
         one = self.found
         doubling = plus_minus(one.value_k, one.std_error_k)
         yield f"the dark current doubles every {doubling} K ({one.n_temperatures} temperatures)"
@@ -408,11 +408,11 @@ class FlatResult(Result):
     """Flat fields of each polarizer angle."""
 
     found: "RunFlat"
-    file: dict[str, Json]  #: what their file states in addition to the pictures
+    file: dict[str, Json]  #: content of the file apart from the pictures
 
     @property
     def doubt(self) -> str | None:
-        """Warning that flats have more noise than pattern; None where they do not."""
+        """Warning if flats have more noise than pattern, otherwise None."""
         worse = [one for one in self.found.flats if one.noise_rms > one.pattern_rms]
         if not worse:
             return None
@@ -494,13 +494,13 @@ def lens(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LensResult(Result):
-    """A lens as pictures of a chessboard show it."""
+    """A lens calibration from pictures of a chessboard."""
 
     found: "LensCalibration"
     file: dict[str, Json]
 
     def content(self) -> Iterable[Part]:
-        """Return how well the corners fit, focal lengths and principal point."""
+        """Return the residual of the corners, focal lengths and principal point."""
         yield f"{len(self.found.used)} pictures, corners {self.found.rms_px:.3f} pixel about where they should be"
         values = self.found.lens.parameters[:4].tolist()
         variances = self.found.lens.covariance.diagonal()[:4].tolist()
@@ -589,7 +589,7 @@ def radiometric(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RadiometricResult(Result):
-    """Counts per unit of radiance, by a panel of known reflectance."""
+    """Counts per unit of radiance from a panel of known reflectance."""
 
     file: dict[str, Any]
 
@@ -672,17 +672,17 @@ class RegistrationResult(Result):
 
     found: "RunRegistration"
     file: dict[str, Json]
-    is_refused: bool  #: the pictures differ by more than a shift; no file was written
+    is_refused: bool  #: the shift does not make the pictures match; no file was written
 
     @property
     def exit_code(self) -> int:
-        """4 for a registration that is refused."""
+        """4 if the registration is refused."""
         from rigctl.console import EXIT_DATA
 
         return EXIT_DATA if self.is_refused else 0
 
     def content(self) -> Iterable[Part]:
-        """Return the shift of each angle, the residual of the edges, and the circle of a wedge."""
+        """Return the shift at each angle, the residual of the edges, and the circle of a wedge."""
         from rigctl.calibrations.registration import before_and_after
         from rigctl.report.document import Column, Table
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rigctl.files.rig_file import RigFile
     from rigctl.rig.characterise import Characterisation, Side
 
-# So wide that a landing is measured as it is: a correction would come from the other side.
+# A wide tolerance, so that no correction from the other side hides the backlash.
 _TOLERANCE_DEG = 1.0
 
 
@@ -85,7 +85,7 @@ def stage(
 
 @contextmanager
 def _visits_shown(visits: int) -> Iterator[Callable[[object], None]]:
-    """Show a bar that advances with each visit."""
+    """Show a progress bar."""
     from rich.progress import Progress
 
     with Progress(console=progress(), transient=True) as bar:
@@ -94,7 +94,7 @@ def _visits_shown(visits: int) -> Iterator[Callable[[object], None]]:
 
 
 def _stage_angles_deg(rig: "RigFile", session: Path | None) -> tuple[float, ...]:
-    """Return the stage angles of a session's polarizer angles, each once."""
+    """Return the different stage angles of a session's polarizer angles."""
     from rigctl.files.session_file import DEFAULT_ANGLES_DEG, load_session
 
     if session is None:
@@ -110,13 +110,13 @@ def _stage_angles_deg(rig: "RigFile", session: Path | None) -> tuple[float, ...]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StageCalibration(Result):
-    """A stage as its own readings show it."""
+    """A characterisation of a stage."""
 
     result: "Characterisation"
     file: dict[str, Json]  #: content of the file for the rig
 
     def content(self) -> Iterable[Part]:
-        """Return the largest error, repeatability, backlash and settling, then each angle."""
+        """Return largest error, repeatability, backlash and settling time, then each angle."""
         result, identity = self.result, self.result.identity
         backlash = f"{result.backlash_deg:+.4f} ± {result.backlash_std_error_deg:.4f} deg"
         rest = f"not within {result.watch_s:g} s: use a longer --watch-s"

@@ -45,9 +45,9 @@ _FILES = (
     "series.html",
     "series.pdf",
 )
-# Disagreements that are printed; all stand in the files.
+# Largest number of disagreements that are printed; the files have all.
 _SHOWN = 20
-# What a regions file says of a region except its name.
+# Keys of a region in a regions file, except its name.
 _OUTLINE = ("rectangle", "polygon", "edge_px")
 
 
@@ -73,7 +73,7 @@ def compare(
     count in the verdict, and after a disagreement the report says which input would explain it.
 
     Numerical settings are chosen so that no numerical error exceeds 0.3 of a standard error. Calibrations that are not
-    given are picked from the store next to the rig file.
+    given are selected from the store next to the rig file.
 
     Example: rigctl compare runs/panels examples/scene-panels.toml --noise noise.json --out compared
 
@@ -86,7 +86,7 @@ def compare(
     scene : path or SceneFile
         Scene file, if it is not the last argument.
     regions : path or sequence of Region
-        Regions file, in place of a scene, or with present outlines of the scene's regions.
+        Regions file: instead of a scene, or with new outlines for the scene's regions.
     out : path
         Folder for report and numbers. Optional in Python.
     **options
@@ -100,7 +100,7 @@ def compare(
     Raises
     ------
     ConfigError, DataError
-        A file is wrong, or the run is unfit for what is asked.
+        A file is wrong, or the run is unfit for the comparison.
     """
     runs, scene = runs_and_scene(run, more, scene)
     result: ComparisonResult | SeriesResult
@@ -125,7 +125,7 @@ def note_reports(result: Result, out: Path) -> None:
 def runs_and_scene(
     run: RunPath, more: "Sequence[RunPath | ScenePath]", scene: ScenePath | None
 ) -> tuple[list[Path], ScenePath | None]:
-    """Return run folders and the scene, which may be the last argument: one that was read, or a TOML file."""
+    """Return run folders and the scene, which may be the last argument: a SceneFile, or the path of a TOML file."""
     from rigctl.files.scene_file import SceneFile
 
     given: list[Any] = [run, *more]
@@ -149,9 +149,9 @@ def _report(comparison: "Comparison") -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ComparisonResult(Result):
-    """A comparison of a run with the model, as a verdict, as a table and as `comparison.json` has it."""
+    """A comparison of a run with the model: verdict, tables, and the content of `comparison.json`."""
 
-    comparison: "Comparison"  #: all of it: rows, checks, measurement, predictions, what it was made from
+    comparison: "Comparison"  #: rows, checks, measurement, predictions and origin
 
     def __repr__(self) -> str:
         found = self.comparison
@@ -159,7 +159,7 @@ class ComparisonResult(Result):
 
     @property
     def agrees(self) -> bool | None:
-        """Whether model and measurement agree; None where that cannot be judged."""
+        """True if model and measurement agree; None if that cannot be judged."""
         return self.comparison.agrees
 
     @property
@@ -169,21 +169,21 @@ class ComparisonResult(Result):
 
     @property
     def calibrations(self) -> dict[str, Json]:
-        """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
+        """Calibrations by kind: file, sha256, why, age_days; empty without a store."""
         return self.comparison.run.calibrations.picked.used
 
     @property
     def exit_code(self) -> int:
-        """5 where model and measurement disagree, 4 where that cannot be judged."""
+        """5 if model and measurement disagree, 4 if that cannot be judged."""
         return _exit_code(self.agrees)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed, overruled or left out."""
+        """Assumptions, and data that were overruled or left out."""
         return self.comparison.remarks
 
     def content(self) -> Iterable[Part]:
-        """Return the verdict, what disagrees, and where that points; then how it was found."""
+        """Return the verdict, the disagreements and their likely cause; then how the verdict was reached."""
         from rigctl.comparison.checks import ADVICE
         from rigctl.comparison.explain import unstated_lines
         from rigctl.report.comparison import row_table, scores_png, verdict
@@ -208,7 +208,7 @@ class ComparisonResult(Result):
             yield lambda: scores_png(found)
 
     def as_json(self) -> dict[str, Json]:
-        """Return what comparison.json holds."""
+        """Return the content of comparison.json."""
         from rigctl.report.comparison import compared_json
 
         return compared_json(self.comparison)
@@ -228,13 +228,13 @@ class ComparisonResult(Result):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeriesResult(Result):
-    """Comparisons of several runs with one scene, as verdicts, as a table and as `series.json` has them."""
+    """Comparisons of several runs with one scene: verdicts, table, and the content of `series.json`."""
 
     series: "ComparedSeries"
 
     @property
     def agrees(self) -> bool | None:
-        """Whether every run agrees; None where none disagrees and one cannot be judged."""
+        """True if all runs agree; None if none disagrees, but one cannot be judged."""
         return self.series.agrees
 
     @property
@@ -244,7 +244,7 @@ class SeriesResult(Result):
 
     @property
     def exit_code(self) -> int:
-        """5 where a run disagrees, 4 where none does and one cannot be judged."""
+        """5 if a run disagrees, 4 if none disagrees, but one cannot be judged."""
         return _exit_code(self.agrees)
 
     def content(self) -> Iterable[Part]:
@@ -257,7 +257,7 @@ class SeriesResult(Result):
             yield f"{name_of(comparison)}: {_short(comparison)}{tolerance}"
 
     def as_json(self) -> dict[str, Json]:
-        """Return what series.json holds."""
+        """Return the content of series.json."""
         from rigctl.report.series import series_json
 
         return series_json(self.series)
@@ -296,7 +296,7 @@ def _short(found: "Comparison") -> str:
 
 
 def _of_run(found: "Comparison") -> Iterable[str]:
-    """Return the faults that the run shows, its checks, and which regions cannot be judged."""
+    """Return the faults and checks of the run, and the regions that cannot be judged."""
     from rigctl.comparison.checks import said_of, unjudged_lines
     from rigctl.measure.faults import term_text
 
@@ -315,7 +315,7 @@ def compare_run(
     tolerance: float | None = None,
     **options: Unpack[CompareOptions],
 ) -> "Comparison":
-    """Compare one run with the model; the numerical tolerance to begin with is chosen unless it is given."""
+    """Compare one run with the model; without `tolerance`, the first numerical tolerance is chosen here."""
     from rigctl.comparison.compare import compare_with_itself, compare_with_scene
 
     require_possible(scene, regions, options)
@@ -334,7 +334,7 @@ def compare_run(
 def read_scene_run(
     run: Path, scene: ScenePath | None, regions: RegionsPath | None, options: ScaledOptions
 ) -> "tuple[MeasuredRun, Scene | None]":
-    """Measure a run in the regions of a scene or of a regions file; return it, and the scene with its noise."""
+    """Measure a run in the regions of a scene or regions file; return it, and the scene with its noise."""
     from rigctl.measure.calibrations import calibrations_of_run
     from rigctl.measure.diagnose import MEASURED_WITH, measure_run
     from rigctl.runs.check import used_run
@@ -350,7 +350,7 @@ def read_scene_run(
 
 
 def require_possible(scene: ScenePath | None, regions: RegionsPath | None, options: CompareOptions) -> None:
-    """Raise ConfigError if neither scene nor regions are given, or options do not go together, whatever the run."""
+    """Raise ConfigError if neither scene nor regions are given, or if options contradict one another."""
     alpha = _alpha(options)
     if not 0.0 < alpha < 1.0:
         raise ConfigError(f"--alpha: is {alpha:g}; allowed is above 0 and below 1, for instance 0.001")
@@ -367,7 +367,7 @@ def _alpha(options: CompareOptions) -> float:
 def _outlined(
     scene: ScenePath | None, regions: RegionsPath | None, options: ScaledOptions
 ) -> "tuple[SceneFile | None, list[Region]]":
-    """Return scene and regions; those of a scene with the outlines of the regions file, where it has them."""
+    """Return scene and regions; outlines in the regions file replace those of the scene."""
     from rigctl.scene.scene import with_choices
 
     drawn = regions_of(regions)
@@ -403,7 +403,7 @@ def _used_files(
 def _series(
     runs: Sequence[Path], scene: ScenePath | None, regions: RegionsPath | None, options: CompareOptions
 ) -> "ComparedSeries":
-    """Compare many runs of one rig with one scene; the chance of a false disagreement is that over all runs."""
+    """Compare several runs of a rig with one scene; alpha is the probability of a false disagreement in any run."""
     from rigctl.base.durable import source_of
     from rigctl.comparison.series import ComparedSeries, drifts_of, require_one_instrument, trends_over_runs
     from rigctl.runs.check import used_run
@@ -419,7 +419,7 @@ def _series(
     shared: CompareOptions = {**options, "alpha": alpha / len(runs)}
     found: list[Comparison] = []
     for path in runs:
-        # What the errors of one run asked for, those of its neighbour are likely to ask for too.
+        # The next run is likely to need the same tolerance.
         accuracy = found[-1].accuracy if found else None
         tolerance = None if accuracy is None else accuracy.tolerance
         found.append(compare_run(path, scene=scene, regions=regions, tolerance=tolerance, **shared))

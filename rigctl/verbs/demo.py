@@ -83,9 +83,9 @@ def demo(
 
 
 def copy_examples(out: Path) -> None:
-    """Copy the example files into a folder that holds nothing yet."""
+    """Copy the example files into an empty or new folder."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise ConfigError(f"--out: {out} holds something already; name a folder that does not exist yet")
+        raise ConfigError(f"--out: {out} is not empty; give a folder that does not exist yet")
     out.mkdir(parents=True, exist_ok=True)
     with as_file(files("rigctl") / "data" / "examples") as examples:
         for name in _EXAMPLES:

@@ -105,7 +105,7 @@ def detect(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DetectResult(Result):
-    """RX detection of one region of a run on another."""
+    """RX detection of a target region against a background region."""
 
     found: "RxOnRun"  #: map, measured and predicted ROC
 
@@ -125,7 +125,7 @@ class DetectResult(Result):
         yield lambda: roc_plot(self.found)
 
     def as_json(self) -> dict[str, Json]:
-        """Return what detection.json holds."""
+        """Return the content of detection.json."""
         from rigctl.report.detection import detection_json
 
         return detection_json(self.found)

@@ -47,12 +47,12 @@ def _named(path: str) -> "PortInfo":
 
     known = {name: port for port in serial_ports() for name in (port.device, port.lasting_name)}
     if path not in known and not Path(path).exists():
-        raise ConfigError(f"--port: {path}: there is no such port; `rigctl devices` lists those that there are")
+        raise ConfigError(f"--port: {path}: there is no such port; `rigctl devices` lists the ports")
     return known.get(path) or PortInfo(device=path, lasting_name=path, usb_id=None, usb_serial_number=None)
 
 
 def _cameras() -> "Iterator[tuple[str, DeviceIdentity]]":
-    """Yield each camera that an installed finder (an entry point) sees."""
+    """Yield the cameras that installed drivers find."""
     from drivers.errors import DeviceError
 
     failures: dict[str, list[str]] = {}
@@ -62,7 +62,7 @@ def _cameras() -> "Iterator[tuple[str, DeviceIdentity]]":
         except DeviceError as error:
             failures.setdefault(str(error), []).append(entry.name)
     for text, names in failures.items():
-        warn(f"cameras ({', '.join(sorted(names))}) were not looked for: {text}")
+        warn(f"cameras ({', '.join(sorted(names))}) were not searched: {text}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,11 +70,11 @@ class FoundDevices(Result):
     """Ports with their stages, and cameras."""
 
     ports: "tuple[Found, ...]"
-    #: each with the address that a rig file names it by; None where only ports were asked for
+    #: address in a rig file and identity of each; None if only ports were requested
     cameras: "tuple[tuple[str, DeviceIdentity], ...] | None"
 
     def content(self) -> Iterable[Part]:
-        """Return each port and camera, with its lines for the rig file."""
+        """Return the ports and cameras with their lines for the rig file."""
         yield from map(_port_text, self.ports) if self.ports else ("no serial ports",)
         if self.cameras is not None:
             yield from starmap(_camera_text, self.cameras) if self.cameras else ("no cameras",)

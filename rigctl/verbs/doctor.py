@@ -1,4 +1,4 @@
-"""`rigctl doctor`: whether this machine and these devices are fit for a session, and what to change."""
+"""`rigctl doctor`: checks whether machine and devices are fit for a session, and says what to change."""
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _SAMPLE_BYTES = 2
 _USUAL_PIXELS = 782 * 582
 _USUAL_PERIOD_S = 1.0 / 60.0
-# Subjects of findings; what stops a session comes first, what would spoil it later.
+# Subjects of findings: those that stop a session come first, then those that spoil it.
 _ORDER = (
     "devices", "room", "loss", "disk", "receive buffer", "MTU", "stage", "serial adapter", "clock", "monitor",
 )  # fmt: skip
@@ -47,13 +47,13 @@ def doctor(
     rig : path
         Rig file: check its devices too.
     session : path
-        Session file: compare the disk with what the session needs.
+        Session file: check that the disk is fast and large enough for the session.
     folder : path
         Folder for runs, to check its disk.
     frames : int
         Number of pictures to take as a test.
     try_notices : bool
-        Only send a test notice, as [notify] of the rig file says.
+        Only send a test notice, by [notify] of the rig file.
     """
     from rigctl.files.rig_file import load_rig
 
@@ -79,12 +79,12 @@ class CheckUp(Result):
 
     @property
     def to_change(self) -> "tuple[Finding, ...]":
-        """Findings that ask for a change: what would stop a session first, then what would spoil it."""
+        """Findings that need a change, the most important first."""
         return most_important_first(self.findings)
 
     @property
     def exit_code(self) -> int:
-        """3 where something has to be changed."""
+        """3 if something has to be changed."""
         from rigctl.console import EXIT_DEVICE
 
         return EXIT_DEVICE if self.to_change else 0
@@ -100,7 +100,7 @@ class CheckUp(Result):
                 yield f"  hint: {finding.hint}"
 
     def as_json(self) -> dict[str, Json]:
-        """Return findings, and those that ask for a change."""
+        """Return the findings, and those that need a change."""
         return {
             "findings": [vars(finding) for finding in self.findings],
             "to_change": [vars(finding) for finding in self.to_change],
@@ -108,7 +108,7 @@ class CheckUp(Result):
 
 
 def check_up(rig: Path | None, session: Path | None, *, folder: Path, frames: int) -> "Iterator[Finding]":
-    """Yield findings of devices and machine; a wrong file is refused before anything is opened."""
+    """Yield findings on devices and machine; wrong files are refused before a device is opened."""
     from drivers.errors import DeviceError
     from rigctl.calibrations.store import store_doubts
     from rigctl.files.rig_file import load_rig, placeholder_doubt
@@ -130,7 +130,7 @@ def check_up(rig: Path | None, session: Path | None, *, folder: Path, frames: in
             yield from checkup.findings()
         except DeviceError as error:
             yield Finding(
-                what="devices", found="cannot be checked", advice=f"{error}. Mend this, and call the doctor again"
+                what="devices", found="cannot be checked", advice=f"{error}. Correct this, and run the check again"
             )
         pixels, camera_s = checkup.pixels or _USUAL_PIXELS, checkup.camera_s
         yield from monitor_findings(rig_file.monitors)
@@ -147,7 +147,7 @@ def check_up(rig: Path | None, session: Path | None, *, folder: Path, frames: in
 
 
 def monitor_findings(sections: "Sequence[MonitorSection]") -> "Iterator[Finding]":
-    """Yield the reading of each monitor, or why it gives none."""
+    """Yield the reading of each monitor, or its problem."""
     from rigctl.rig.checkup import Finding
     from rigctl.runs.records import RunEvent, monitor_traces
     from rigctl.session.monitors import Monitors
@@ -163,23 +163,23 @@ def monitor_findings(sections: "Sequence[MonitorSection]") -> "Iterator[Finding]
             reading = f"{trace.monitor}: {trace.values[-1]:.6g} {trace.unit} ({trace.device})"
             yield Finding(what="monitor", found=reading)
         else:
-            advice = "mend its table in the rig file, or leave it out: frames are taken without it"
+            advice = "correct its table in the rig file, or remove it: frames are taken without it"
             yield Finding(what="monitor", found=f"{trace.monitor}: {'; '.join(trace.problems)}", advice=advice)
 
 
 def _notice_finding(section: "NotifySection") -> "Finding":
-    """Send a notice; return whether it went."""
+    """Send a test notice."""
     from rigctl.rig.checkup import Finding
     from rigctl.session.control import notice_of, send
 
     problems = send(section, notice_of("none", "test", "rigctl doctor"))
     if not problems:
         return Finding(what="notices", found="a notice was sent")
-    return Finding(what="notices", found="; ".join(problems), advice="mend [notify] in the rig file")
+    return Finding(what="notices", found="; ".join(problems), advice="correct [notify] in the rig file")
 
 
 def most_important_first(findings: "Sequence[Finding]") -> "tuple[Finding, ...]":
-    """Return those findings that ask for a change: what would stop a session first, then what would spoil it."""
+    """Return the findings that need a change: first those that would stop a session, then those that would spoil it."""
 
     def rank(finding: "Finding") -> int:
         places = (place for place, name in enumerate(_ORDER) if finding.what.startswith(name))

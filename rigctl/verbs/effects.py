@@ -1,4 +1,4 @@
-"""`rigctl effects`: which effects of the model a scene calls for, and what each effect of a simulated camera costs."""
+"""`rigctl effects`: effects of the model that matter in a scene, and the cost of effects of a simulated camera."""
 
 import math
 from collections import Counter
@@ -69,7 +69,7 @@ def effects(
     out : path
         Folder for effects.png (chart of the bounds against the tolerance) and effects.json.
     **options
-        Which effects are forced, see `EffectOptions`.
+        Effects that are forced, see `EffectOptions`.
     """
     from rigctl.files.toml import has_any_key
 
@@ -101,17 +101,17 @@ class EffectsResult(Result):
     """Decisions on all effects of the model for a scene."""
 
     plan: "EffectPlan"
-    checked: "Verification | None"  #: true changes, where they were evaluated
-    remarks: tuple[str, ...]  #: what is assumed
-    is_wide: bool = False  #: whether the bounds of every kind are shown
+    checked: "Verification | None"  #: true changes, if they were computed
+    remarks: tuple[str, ...]  #: assumptions
+    is_wide: bool = False  #: show the bounds for every kind of number
 
     @property
     def exit_code(self) -> int:
-        """1 where a bound does not hold."""
+        """1 if a bound does not hold."""
         return 1 if self.checked is not None and self.checked.violations else 0
 
     def content(self) -> Iterable[Part]:
-        """Return how many effects act and what the others change, the table, what to add, and what was verified."""
+        """Return a summary, the table, lines to add to the scene file, and the verification."""
         from rigctl.report.effects import unstated_line
 
         yield self._answer()
@@ -183,7 +183,7 @@ class EffectsResult(Result):
         yield Table(columns=sources, rows=self._rows())
 
     def _lines_to_add(self) -> Iterable[str]:
-        """Yield what the scene file would say of the effects that nobody stated, by its tables."""
+        """Yield the lines of a scene file for the effects that are not stated."""
         from rigctl.scene.effects import statement_of
 
         lines: dict[str, list[str]] = {}
@@ -209,7 +209,7 @@ class EffectsResult(Result):
         )
 
     def as_json(self) -> dict[str, Json]:
-        """Return what effects.json holds."""
+        """Return the content of effects.json."""
         from rigctl.report.effects import effects_json
 
         return effects_json(self.plan, self.checked) | {"remarks": list(self.remarks)}
@@ -219,7 +219,7 @@ class EffectsResult(Result):
         return {"effects.png": self._chart(), "effects.json": self.as_json()}
 
     def _chart(self) -> bytes:
-        """Return a bar for the change by each effect, against what is allowed, on a logarithmic axis."""
+        """Return a chart of the change by each effect and the allowed change, on a logarithmic axis."""
         from rigctl.report.drawing import MEASURED, PREDICTED, png, subplots
 
         colours = {"acts": MEASURED, "left out": PREDICTED, "not stated": "grey"}
@@ -285,7 +285,7 @@ def _rendering(path: Path) -> RenderingResult:
 
     simulation = load_rig(path).simulation
     if simulation is None:
-        raise ConfigError(f"{path}: has no [simulation]: a real camera's pictures go through no effects of ours")
+        raise ConfigError(f"{path}: has no [simulation]: only pictures of a simulated camera have effects to list")
     costs, frame_s, frames = rendering_costs(simulation)
     return RenderingResult(costs=costs, frame_s=frame_s, frames=frames)
 
@@ -304,7 +304,7 @@ def _why(one: "Decision") -> str:
     if one.forced:
         return "by request"
     if one.answer == "not stated":
-        # An end of the range of which the scene has no room, such as a field that reaches above the horizon.
+        # The scene cannot have an end of the usual range, such as a field above the horizon.
         return statement_of(one.effect).words if len(one.changes) == _ENDS else "too near a limit"
     if one.reason.startswith("sum"):
         return "above allowed" if one.acts else "within allowed"
@@ -312,7 +312,7 @@ def _why(one: "Decision") -> str:
 
 
 def _change(row: "Row") -> str:
-    """Return the size of an effect; of one that is left out the bound."""
+    """Return the size of an effect; its bound if it is left out."""
     one = row[0]
     if one.answer == "not stated" and not one.changes:
         return "?"

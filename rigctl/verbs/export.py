@@ -1,4 +1,4 @@
-"""`rigctl export`: a run in a format that other programs read."""
+"""`rigctl export`: a run in a format for other programs."""
 
 import tempfile
 from collections.abc import Iterable
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rigctl.files.regions import Region
     from rigctl.runs.folder import Run
 
-_MOST_NAME = 100  # characters of the name that the unfinished export bears
+_MOST_NAME = 100  # characters of the name that an unfinished export keeps
 
 
 def export(
@@ -57,7 +57,7 @@ def export(
     to : {"csv", "fits", "tiff", "hdf5", "zarr"}
         Format; tiff, hdf5 and zarr need pip install 'rigctl[export]'.
     out : path
-        File or folder to write; after a failure nothing is left.
+        File or folder to write; a failed export leaves nothing.
     of : {"frames", "stokes"}
         Frames as they were taken, or the Stokes parameters of every pixel.
     regions : path or sequence of Region
@@ -72,7 +72,7 @@ def export(
 
     path, place = Path(run), Path(out)
     if place.exists():
-        raise ConfigError(f"--out: {place} is there already; name a file or folder that does not exist yet")
+        raise ConfigError(f"--out: {place} exists already; give a file or folder that does not exist yet")
     if of == "stokes" and (to == "tiff" or (to != "csv" and regions is not None)):
         raise ConfigError(f"--of stokes --to {to}: say --to fits, hdf5, zarr or csv; --regions is for csv")
     if of == "frames" and to == "csv" and regions is None:
@@ -95,7 +95,7 @@ def export(
 
 
 def _stokes(run: "Run", regions: "list[Region]", frames: FrameOptions, to: ExportFormat, out: Path) -> None:
-    """Measure a run, and write the planes of the result."""
+    """Measure a run, and write the result pixel by pixel."""
     from rigctl.files.regions import masks
     from rigctl.report import stokes_file
     from rigctl.verbs.stokes import stokes_of
@@ -112,7 +112,7 @@ def _stokes(run: "Run", regions: "list[Region]", frames: FrameOptions, to: Expor
 
 
 def _cycles_csv(run: "Run", regions: "list[Region]", frames: FrameOptions) -> bytes:
-    """Return the means of regions, cycle by cycle, each measured as a run of its own."""
+    """Return the means of regions by cycle, each cycle measured like a run."""
     from rigctl.measure.frames import arrange
     from rigctl.report.document import Table, value_columns
     from rigctl.verbs.stokes import stokes_of
@@ -153,5 +153,5 @@ class ExportedRun(Result):
         )
 
     def as_json(self) -> dict[str, Json]:
-        """Return run, place, format and number of frames."""
+        """Return run, file, format and number of frames."""
         return {"run": str(self.run), "out": str(self.out), "to": self.to, "frames": self.frames}

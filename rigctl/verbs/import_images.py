@@ -1,4 +1,4 @@
-"""`rigctl import`: a run made of images that exist, or images added to such a run."""
+"""`rigctl import`: makes a run from existing images, or adds images to such a run."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -161,22 +161,22 @@ def import_images(
 
 @dataclass(frozen=True, kw_only=True)
 class ImportedRun(Result):
-    """What an import has made."""
+    """Result of an import."""
 
     run: Path
     frames: "tuple[FrameRecord, ...]"  #: the new ones
-    remarks: tuple[str, ...]  #: what was recognised in the files, and doubts
-    clipped_shares: tuple[float, float]  #: of all pixels, at the upper end of the range and at 0
-    diagnosis: "RunDiagnosis"  #: faults that the frames show at a first look
-    measured: StokesResult | None = None  #: Stokes parameters, where they were asked for
+    remarks: tuple[str, ...]  #: recognised properties of the files, and doubts
+    clipped_shares: tuple[float, float]  #: shares of all pixels at the upper end of the range and at 0
+    diagnosis: "RunDiagnosis"  #: faults found at a first look
+    measured: StokesResult | None = None  #: Stokes parameters, if requested
 
     @property
     def exit_code(self) -> int:
-        """4 where the run was measured and is unsound."""
+        """4 if the run was measured and is unsound."""
         return 0 if self.measured is None else self.measured.exit_code
 
     def content(self) -> Iterable[Part]:
-        """Return the number and size of the frames, remarks, and the faults that they show."""
+        """Return the number and size of the frames, remarks, and faults."""
         from rigctl.base.numbers import percent
 
         first = self.frames[0]
@@ -205,7 +205,7 @@ class ImportedRun(Result):
 
 
 def imported(request: "ImportRequest") -> ImportedRun:
-    """Import images as a request says."""
+    """Import the images of a request."""
     from rigctl.imports.images import import_images
 
     frames, remarks, clipped_shares = import_images(request)

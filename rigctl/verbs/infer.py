@@ -55,7 +55,7 @@ def infer(
     inputs : sequence of str
         Key of a number to infer, such as atmosphere.visibility_km; default: all that the runs determine. Repeatable.
     regions : path or sequence of Region
-        Regions file with the present outlines of the scene's regions.
+        Regions file with new outlines for the scene's regions.
     discrepancy : float
         Expected error of the model in S1/S0 and S2/S0, and five times this in ln S0. 0 means a perfect model.
     most_steps : int
@@ -75,7 +75,7 @@ def infer(
     Raises
     ------
     ConfigError, DataError
-        A file is wrong, a run is unfit for what is asked, or the chain has not converged.
+        A file is wrong, a run is unfit for inference, or the chain has not converged.
     """
     from rigctl.comparison.inference import gather_evidence, infer_inputs
     from rigctl.comparison.series import require_one_instrument
@@ -111,13 +111,13 @@ def infer(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InferenceResult(Result):
-    """Posterior of a scene's inputs, as a sentence, as tables and as `posterior.json` has it."""
+    """Posterior of a scene's inputs: a sentence, tables, and the content of `posterior.json`."""
 
-    inference: "Inference"  #: all of it: draws, prior, data, covariance
+    inference: "Inference"  #: draws, prior, data and covariance
 
     @property
     def exit_code(self) -> int:
-        """5 where the model does not explain the runs, even with its discrepancy."""
+        """5 if the model does not explain the runs, even with its discrepancy."""
         from rigctl.console import EXIT_DISAGREES
         from rigctl.report.inference import unexplained
 
@@ -125,11 +125,11 @@ class InferenceResult(Result):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed, overruled or left out."""
+        """Assumptions, and data that were overruled or left out."""
         return self.inference.evidence.remarks
 
     def content(self) -> Iterable[Part]:
-        """Return what the runs taught, prior and posterior of each input, and how well each region is explained."""
+        """Return the inputs that the runs determine, prior and posterior of each, and the fit of each region."""
         from rigctl.report import inference as report
 
         found = self.inference
@@ -141,7 +141,7 @@ class InferenceResult(Result):
         yield lambda: report.corner_png(found)
 
     def as_json(self) -> dict[str, Json]:
-        """Return what posterior.json holds."""
+        """Return the content of posterior.json."""
         from rigctl.report.inference import inference_json
 
         return inference_json(self.inference)

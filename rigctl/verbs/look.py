@@ -1,4 +1,4 @@
-"""`rigctl look`: S0, DoLP and AoLP of a few images within one command, without any calibration."""
+"""`rigctl look`: S0, DoLP and AoLP of a few images, without calibration."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -127,11 +127,11 @@ class LookResult(Result):
     """Uncalibrated maps of a few images."""
 
     maps: "PolarizationImages"
-    angles_deg: dict[str, float]  #: of each file; empty of mosaics
-    angle_source: str  #: where the angles come from, in words
+    angles_deg: dict[str, float]  #: angle of each file; empty for mosaics
+    angle_source: str  #: source of the angles
     files: tuple[Path, ...]
-    clipped_shares: tuple[float, float]  #: of the pixels, at the upper end of the range and at 0, in one image or more
-    largest_dn: int  #: where the upper end is taken to be
+    clipped_shares: tuple[float, float]  #: shares of the pixels at the upper end of the range and at 0 in any image
+    largest_dn: int  #: assumed upper end of the range
 
     @property
     def _quartiles(self) -> dict[str, float]:
@@ -143,7 +143,7 @@ class LookResult(Result):
         return {f"p{level}": float(value) for level, value in zip(levels, values, strict=True)}
 
     def content(self) -> Iterable[Part]:
-        """Return the DoLP of the pixels, what is clipped, the angles, and that nothing is calibrated."""
+        """Return the DoLP of the pixels, clipped shares, the angles, and a warning that nothing is calibrated."""
         from rigctl.base.numbers import percent
         from rigctl.images import name_of
         from rigctl.report.measurement import uncalibrated_pictures
@@ -172,7 +172,7 @@ class LookResult(Result):
 
 
 def _read(paths: Sequence[Path], plane: Plane | None, most_bytes: int) -> "list[ImageFile]":
-    """Return the images, which have one size."""
+    """Return the images; raise an error if their sizes differ."""
     from rigctl.images import read_image
 
     images: list[ImageFile] = []

@@ -1,4 +1,4 @@
-"""`rigctl new`: a folder for a new rig, with files that run as they are and a README of the next commands."""
+"""`rigctl new`: a folder for a new rig, with files that work as they are and a README with the next commands."""
 
 import re
 import sys
@@ -16,7 +16,7 @@ from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, Part, Result, Writes
 
 _COPIED = ("session.toml", "session-noise.toml", "session-flats.toml", "regions.toml")
-# Directions of the polarizing sheet before the camera, and the Stokes radiance that it then sends.
+# Directions of the polarizing sheet in front of the camera, with its Stokes radiance.
 _SHEETS = {0: "[20.0, 19.8, 0.0]", 30: "[20.0, 9.9, 17.147]"}
 _PLACEHOLDER = """sense = 1                       # a placeholder
 offset_deg = 0.0                # a placeholder
@@ -139,7 +139,7 @@ class NewFolder(Result):
 
     folder: Path
     files: tuple[str, ...]
-    is_simulated: bool  #: neither stage nor camera was named
+    is_simulated: bool  #: stage and camera were not given
 
     def content(self) -> Iterable[Part]:
         """Return the next step and the files."""
@@ -152,7 +152,7 @@ class NewFolder(Result):
 
 
 def _asked(*, can_ask: bool) -> tuple[str | None, str | None]:
-    """Ask for the addresses of stage and camera; None, both, for a simulated rig."""
+    """Ask for the addresses of stage and camera; both are None for a simulated rig."""
     if not can_ask:
         raise ConfigError("give --simulated, or --stage ADDRESS and --camera ADDRESS (`rigctl devices` finds them)")
     if _answer("A simulated rig? [Y/n]: ").lower() in ("", "y", "yes"):
@@ -175,12 +175,12 @@ def _example(name: str) -> str:
 
 
 def _looking_at(rig: str, scene: str) -> str:
-    """Return a rig file whose simulated camera looks at a scene."""
+    """Return a rig file whose simulated camera sees a scene."""
     return rig.replace("scene-panels.toml", scene)
 
 
 def _with_devices(text: str, stage: str, camera: str) -> str:
-    """Return a rig file with real devices; the table of the simulation stays where one of them is simulated."""
+    """Return a rig file with real devices; the simulation stays if one of them is simulated."""
     driver, _, port = stage.partition(":") if not stage.startswith(("/", "sim:")) else ("ellx", ":", stage)
     if not port:
         raise ConfigError(f"--stage: is {stage!r}; give a port such as /dev/ttyUSB0, or DRIVER:PORT")
@@ -202,7 +202,7 @@ def _with_devices(text: str, stage: str, camera: str) -> str:
 
 
 def _sheets(rig: str) -> dict[str, str]:
-    """Return rig and scene files of a polarizing sheet at each direction, for the simulated rig to look at."""
+    """Return the rig and scene files of a polarizing sheet in each direction, for the simulated rig."""
     head, _, _ = _example("scene-panels.toml").partition("# Stokes radiance (S0")
     found = {}
     for angle_deg, stokes in _SHEETS.items():

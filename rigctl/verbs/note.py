@@ -1,4 +1,4 @@
-"""`rigctl note`: what people know of a run, and frames that they exclude from every number; frames never change."""
+"""`rigctl note`: notes on a run, and frames that are excluded from all results. Frames never change."""
 
 import getpass
 import re
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _SPAN = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?")
 _SHOWN, _MOST_NAME = 8, 200
-_LEAST_ANGLES = 3  # the fewest directions that determine S0, S1 and S2
+_LEAST_ANGLES = 3  # least number of directions to determine S0, S1 and S2
 
 
 def note(
@@ -84,16 +84,16 @@ def note(
 
 @dataclass(frozen=True, kw_only=True)
 class Noted(Result):
-    """The annotations that were written."""
+    """Annotations that were written."""
 
     run: Path
-    annotation: "Annotation | None"  #: the line; None if nothing changed
-    excluded: tuple[int, ...]  #: frames that are excluded now
+    annotation: "Annotation | None"  #: the line that was written; None if nothing changed
+    excluded: tuple[int, ...]  #: frames that are now excluded
     remarks: tuple[str, ...] = ()
-    is_of_frames: bool = False  #: whether frames were excluded or included
+    is_of_frames: bool = False  #: frames were excluded or included
 
     def content(self) -> Iterable[Part]:
-        """Return the line, and which frames are excluded now."""
+        """Return the line, and the frames that are now excluded."""
         from rigctl.runs.records import frames_text
 
         if self.annotation is not None:
@@ -126,7 +126,7 @@ def _note(run: "RunRecord", text: str, *, at: str | None, by: str | None, utc_ns
 def _change_frames(
     run: "RunRecord", frames: tuple[str, str], reason: str | None, *, by: str | None, utc_ns: Callable[[], int]
 ) -> Noted:
-    """Exclude frames or include them again, as the option says that names them."""
+    """Exclude frames, or include them again."""
     from rigctl.runs.folder import annotate, read_annotations
     from rigctl.runs.records import Annotation, excluded_frames, frames_text
 
@@ -150,7 +150,7 @@ def _change_frames(
 
 
 def _sequences(option: str, text: str, run: "RunRecord") -> tuple[int, ...]:
-    """Return the frames that a text names."""
+    """Return the frames of a text such as 12,15-18."""
     from rigctl.runs.records import frames_text
 
     there = [record.sequence for record in run.frames]
@@ -172,12 +172,12 @@ def _sequences(option: str, text: str, run: "RunRecord") -> tuple[int, ...]:
 
 
 def _consequences(run: "RunRecord", excluded: set[int], changed: set[int]) -> list[str]:
-    """Return the loss of the run by the excluded frames."""
+    """Return texts on what the run loses by the excluded frames."""
     from rigctl.runs.records import frames_text
 
     scenes = [record for record in run.frames if record.kind == "scene"]
     if scenes and all(record.sequence in excluded for record in scenes):
-        return ["no scene frame is left: the run has no numbers until frames are taken in again (--include)"]
+        return ["no scene frame is left: the run has no results until frames are included again (--include)"]
     left = [record for record in scenes if record.sequence not in excluded]
     gone = sorted(_angles(scenes) - _angles(left))
     found = []
@@ -186,12 +186,12 @@ def _consequences(run: "RunRecord", excluded: set[int], changed: set[int]) -> li
         few = len(_angles(left)) < _LEAST_ANGLES
         found.append(
             f"no frame at {angles} deg is left: "
-            + ("the rest does not tell S0, S1 and S2" if few else "the run is measured at the other angles")
+            + ("the rest does not determine S0, S1 and S2" if few else "the run is measured at the other angles")
         )
     cycles = {(one.round, one.cycle) for one in scenes if one.sequence in changed and one.cycle is not None}
     torn = [one.sequence for one in left if (one.round, one.cycle) in cycles]
     if torn and not gone:
-        found.append(f"cycles are used whole: frames {frames_text(torn)} of the same cycles go with them")
+        found.append(f"only complete cycles are used: frames {frames_text(torn)} of the same cycles are left out, too")
     for kind in ("dark", "flat"):
         of_kind = [record.sequence for record in run.frames if record.kind == kind]
         if of_kind and excluded.issuperset(of_kind):
@@ -208,7 +208,7 @@ def _angles(records: "Iterable[FrameRecord]") -> set[float]:
 
 
 def _moment(text: str, frames: "Iterable[FrameRecord]") -> tuple[str, tuple[str, ...]]:
-    """Return a time as it is kept, and how it was understood."""
+    """Return a time in UTC, and a text on how it was understood."""
     starts = [utc_moment(one.start_utc) for one in frames if one.start_utc is not None and is_utc_text(one.start_utc)]
     try:
         of_day = time_of_day.fromisoformat(text)
@@ -234,7 +234,7 @@ def _whole_time(text: str) -> datetime:
 
 
 def _on_day_of_run(text: str, of_day: time_of_day, starts: list[datetime]) -> datetime:
-    """Return the moment within the run that a time of day means; if there is none, the nearest on its days."""
+    """Return the time within the run at a time of day; if there is none, the nearest on its days."""
     if not starts:
         raise ConfigError(f"--at: {text!r}: the frames do not say when they were taken; write it with its day")
     zone = of_day.tzinfo or UTC
@@ -248,7 +248,7 @@ def _on_day_of_run(text: str, of_day: time_of_day, starts: list[datetime]) -> da
 
 
 def _sound(name: str, text: str) -> str:
-    """Return a text that a line may hold."""
+    """Return a text if it may be stored in a line."""
     from rigctl.runs.records import MOST_TEXT
 
     said = text.strip()
@@ -257,7 +257,7 @@ def _sound(name: str, text: str) -> str:
     if len(said) > MOST_TEXT:
         raise ConfigError(f"{name}: has {len(said)} characters; allowed are {MOST_TEXT}")
     if any(not character.isprintable() and character != "\n" for character in said):
-        raise ConfigError(f"{name}: holds control characters, or bytes that are no text")
+        raise ConfigError(f"{name}: contains control characters, or bytes that are not text")
     return said.replace("\n", " ")
 
 
@@ -266,7 +266,7 @@ def _who(by: str | None) -> str:
         return _sound("--by", by)
     try:
         name = getpass.getuser()
-    except (OSError, KeyError):  # a container may know no name for its user
+    except (OSError, KeyError):  # a container may have no name for its user
         return "unknown"
-    # The environment may say anything for it.
+    # It may come from the environment, so it is checked.
     return "".join(letter if letter.isprintable() else "?" for letter in name.strip()[:_MOST_NAME]) or "unknown"

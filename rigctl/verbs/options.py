@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rigctl.report.document import AnyTable
     from rigctl.report.files import Content
 
-# Python takes texts and what it has read already; the command line makes a path of every text.
+# Python accepts text and objects that were read already; the command line makes paths of texts.
 if TYPE_CHECKING:
     FilePath: TypeAlias = Path | str
     RunPath: TypeAlias = Path | str | os.PathLike[str]
@@ -44,14 +44,14 @@ else:
 
 
 def scene_file_of(scene: ScenePath) -> "SceneFile":
-    """Return a scene file, read unless it was read already."""
+    """Return a scene file, reading it if necessary."""
     from rigctl.files.scene_file import scene_file
 
     return scene_file(Path(scene) if isinstance(scene, str) else scene)
 
 
 def regions_of(regions: RegionsPath | None) -> "list[Region]":
-    """Return the regions of a file or of a program; none where none are given."""
+    """Return the given regions, reading their file if necessary; empty if none are given."""
     from rigctl.files.regions import load_regions
 
     return load_regions(Path(regions)) if isinstance(regions, str | Path) else list(regions or ())
@@ -59,12 +59,12 @@ def regions_of(regions: RegionsPath | None) -> "list[Region]":
 
 @dataclass(frozen=True, kw_only=True)
 class Writes:
-    """Annotation of a parameter that names a destination, which is tried before the verb begins."""
+    """Annotation of a parameter with a destination, which is checked before the verb begins."""
 
     kind: Literal["file", "folder", "new", "edited", "run", "absent"] = "file"  #: as in `storage.destination`
     names: tuple[str, ...] = ()  #: files of a folder; ``*`` stands for any text
-    is_argument: bool = False  #: has no dashes on the command line
-    edits: str | None = None  #: parameter whose file may be the same one: it is edited then, its old content kept
+    is_argument: bool = False  #: positional on the command line
+    edits: str | None = None  #: parameter whose file may be the same; then it is edited, and its old content is kept
 
 
 #: Annotation of a path whose content does not identify the results, such as an archive that grows.
@@ -76,22 +76,22 @@ def _words(kind: type, tokens: Sequence[Token]) -> Any:
     return convert(kind, [tokens[0].evolve(value=word) for word in texts])
 
 
-#: Several words in one option, with commas between them.
+#: Several words in one option, separated by commas.
 COMMA_SEPARATED = Parameter(converter=_words, n_tokens=1, allow_leading_hyphen=True)
 
 #: Largest picture that is read [MB of samples].
 MaxFrameMb: TypeAlias = Annotated[int, Parameter(validator=Number(gte=1, lte=100_000))]
 
-#: For how many days a calibration holds; the kind says how long where it is not given.
+#: Validity of a calibration [days]; the default depends on the kind.
 ValidDays: TypeAlias = Annotated[float | None, Parameter(validator=Number(gte=0.0))]
 
 
-# Below the word that begins the parameters of a docstring.
+# Line below the word "Parameters" in a docstring.
 _PARAMETERS = "-" * len("Parameters")
 
 
 def extend_help(group: type, *extended: type) -> None:
-    """Add to the docstring of a group of options the parameters of the groups that it extends."""
+    """Add the parameters of extended groups of options to the docstring of a group."""
     own, *others = (cleandoc(str(one.__doc__)) for one in (group, *extended))
     if _PARAMETERS not in own:
         own += f"\n\nParameters\n{_PARAMETERS}"
@@ -126,8 +126,8 @@ class FrameOptions(RunOptions, total=False):
     force_registration : bool
         Undo the shift even if edges do not match better afterwards.
     calibrations : path or "none"
-        Folder from which calibrations that are not given are picked; without this option, the folder ``calibrations``
-        next to the rig file. "none" picks none.
+        Folder from which calibrations that are not given are selected; default: the folder ``calibrations``
+        next to the rig file. "none" selects none.
     correct : sequence of {"throughput", "dark-level", "shift"}
         Correct these faults by what the run itself shows.
     """
@@ -163,7 +163,7 @@ class EffectOptions(TypedDict, total=False):
 
 
 class ScaledOptions(FrameOptions, EffectOptions, total=False):
-    """How a run and a scene are brought together.
+    """How the scale of a run and a scene are matched.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ class EngineOptions(TypedDict, total=False):
 
 
 def engine_of(options: EngineOptions) -> "mapped.Engine":
-    """Return where the work is done."""
+    """Return the engine for the work."""
     from rigctl import mapped
 
     scheduler, workers = options.get("scheduler"), options.get("workers")
@@ -222,7 +222,7 @@ def engine_of(options: EngineOptions) -> "mapped.Engine":
 
 
 def calibrations_of(frames: FrameOptions | ScaledOptions) -> "CalibrationPaths":
-    """Return the calibration files that the options name, and the store that the others are picked from."""
+    """Return the given calibration files, and the store for the others."""
     from rigctl.calibrations.store import NONE
     from rigctl.measure.frames import CalibrationPaths
 
@@ -252,12 +252,12 @@ class PredictOptions(EffectOptions, total=False):
     changes : mapping, or sequence of "KEY=VALUE"
         KEY=VALUE, such as sun.zenith_deg=40: replaces a number of the scene file or of a calibration. Repeatable.
     noise : path or "none"
-        Noise calibration file, in place of the assumed noise; default: picked from the store. "none" uses none.
+        Noise calibration file, in place of the assumed noise; default: selected from the store. "none" uses none.
     radiometric : path
         Radiometric calibration file, in place of optics and efficiency of the scene file.
     calibrations : path or "none"
-        Folder from which calibrations that are not given are picked; without this option, the folder ``calibrations``
-        next to the scene file. "none" picks none.
+        Folder from which calibrations that are not given are selected; default: the folder ``calibrations``
+        next to the scene file. "none" selects none.
     light : {"total", "reflected", "reflected_sun", "reflected_sky", "path"}
         Part of the light of materials to be predicted alone.
     engine : {"own", "sasktran2"}
@@ -289,37 +289,37 @@ extend_help(PredictOptions, EffectOptions)
 
 
 def changes_of(changes: Changes) -> dict[str, float]:
-    """Return the numbers that are changed, by their keys."""
+    """Return the changed numbers by key."""
     from rigctl.scene.scene import parse_changes
 
     return dict(changes) if isinstance(changes, Mapping) else parse_changes(changes)
 
 
-# A sentence, a table, or what draws a picture as PNG; a terminal leaves pictures out.
+# A sentence, a table, or a function that draws a picture as PNG, which a terminal leaves out.
 Part: TypeAlias = "str | AnyTable | Callable[[], bytes]"
 # Files of a result by name.
 Files: TypeAlias = "Mapping[str, Content]"
 
 
 class Result:
-    """Base of what verbs return. A subclass says what people read, what programs read and how the command ends."""
+    """Base of the results of verbs: text and tables for people, JSON for programs, and an exit code."""
 
     def content(self) -> Iterable[Part]:
-        """Return what people read, the answer first."""
+        """Return text and tables, the answer first."""
         return ()
 
     def as_json(self) -> Mapping[str, Json] | Sequence[Mapping[str, Json]]:
-        """Return what programs read."""
+        """Return the content for JSON."""
         return {}
 
     @property
     def notes(self) -> Sequence[str]:
-        """Return what a notebook shows below the content; the command line has reported it while it worked."""
+        """Return notes, which a notebook shows below the content and the command line has printed before."""
         return ()
 
     @property
     def exit_code(self) -> int:
-        """How the command ends: 0, or a code of docs/codes.md."""
+        """Exit code of the command: 0, or a code of docs/codes.md."""
         return 0
 
     def output_files(self) -> Files:
@@ -339,11 +339,11 @@ class Result:
                 results().print(part, markup=False)
 
     def show_json(self) -> None:
-        """Print what programs read on standard output."""
+        """Print the JSON on standard output."""
         sys.stdout.write(json_text(told_content(self.as_json())))
 
     def follow(self) -> None:
-        """Go on after the content was shown: a page answers until Ctrl-C."""
+        """Continue after the content was shown: a page answers until Ctrl-C."""
 
     def _repr_html_(self) -> str:
         from rigctl.report.files import notebook_html

@@ -1,4 +1,4 @@
-"""Verbs over all runs of an archive: done on dask, kept as they come, resumed; one row for each run."""
+"""Verbs over all runs of an archive: done on dask, stored one by one, resumed; one row for each run."""
 
 import hashlib
 import json
@@ -40,31 +40,31 @@ from rigctl.verbs.verify import verification_of
 
 RUNS_FOLDER = "runs"
 FAILED = "failed"
-PACKAGES = ("model", "calibration", "rigctl")  #: on whose code the rows depend
-_MOST_RUNS, _ROUNDS = 16, 8  # small runs are done together, so that handing them out costs little
-_MOST_ROWS = 40  # that are printed
-_DIGITS = 8  # of a hash, in the table
+PACKAGES = ("model", "calibration", "rigctl")  #: packages whose code determines the rows
+_MOST_RUNS, _ROUNDS = 16, 8  # small runs are processed together to save overhead
+_MOST_ROWS = 40  # rows that are printed
+_DIGITS = 8  # digits of a hash in the table
 _VERIFIED = {"whole": 0, "unfinished": EXIT_INCOMPLETE, "damaged": EXIT_DATA}
 
 
 @dataclass(frozen=True, kw_only=True)
 class ArchiveJob:
-    """A verb that is to be done on every run of an archive that matches."""
+    """A verb to be applied to the runs of an archive that fulfil a condition."""
 
     verb: Verb
     root: Path
     out: Path
     engine: Engine
-    where: str | None = None  #: expression as of `rigctl archive find`; None is every run
+    where: str | None = None  #: condition as in `rigctl archive find`; None for all runs
     scene: Path | None = None
     regions: Path | None = None
-    options: CompareOptions = field(default_factory=CompareOptions)  #: as the verb of a single run takes them
-    full: bool = False  #: write for each run all that the verb of a single run writes
+    options: CompareOptions = field(default_factory=CompareOptions)  #: options of the verb for a single run
+    full: bool = False  #: write all files of the verb for a single run
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunTask:
-    """Runs that one worker does together: their names below the root, and the job."""
+    """Runs that a worker processes together: names below the root, and the job."""
 
     names: tuple[str, ...]
     job: ArchiveJob
@@ -73,24 +73,24 @@ class RunTask:
 
 @dataclass(frozen=True, kw_only=True)
 class ArchiveRows(Result):
-    """What a verb made of each run of an archive."""
+    """Results of a verb for the runs of an archive."""
 
     verb: Verb
     out: Path
-    rows: tuple[RunRow, ...]  #: of the runs that were tried, in the order of their names
-    runs: int  #: how many match
-    done_before: int  #: how many rows an earlier command had made
+    rows: tuple[RunRow, ...]  #: one for each run that was tried, in the order of names
+    runs: int  #: number of runs that fulfil the condition
+    done_before: int  #: number of rows from earlier commands
     outcome: Outcome
     damaged: tuple[str, ...]  #: files of an earlier command that could not be read
 
     @property
     def verdicts(self) -> Mapping[str, int]:
-        """How many runs have which verdict, the most frequent first."""
+        """Number of runs by verdict, the most frequent first."""
         return dict(Counter(row.verdict for row in self.rows).most_common())
 
     @property
     def exit_code(self) -> int:
-        """75 if it was stopped; 5 if a run disagrees; else 4 if one failed or is unfit, 75 if one is unfinished."""
+        """75 if stopped, 5 if a run disagrees, 4 if one failed or is unfit, 75 if one is unfinished; otherwise 0."""
         codes = {row.exit_code for row in self.rows}
         if self.outcome == "stopped":
             return EXIT_INCOMPLETE
@@ -99,7 +99,7 @@ class ArchiveRows(Result):
         return EXIT_DATA if codes - {0, EXIT_INCOMPLETE} else max(codes, default=0)
 
     def content(self) -> Iterable[Part]:
-        """Return how many runs have which verdict, then the rows; of many runs those that are not good."""
+        """Return the number of runs by verdict, then the rows; of many runs only those that need attention."""
         counted = ", ".join(f"{times} {verdict}" for verdict, times in self.verdicts.items())
         yield f"{self.runs} runs, {self.done_before} of them done before: {counted or 'none matches'}"
         if self.outcome == "stopped":
@@ -111,7 +111,7 @@ class ArchiveRows(Result):
             yield f"and {len(shown) - _MOST_ROWS} more"
 
     def as_json(self) -> dict[str, Json]:
-        """Return the rows, and how many runs match and were done before."""
+        """Return the rows, and the numbers of runs that match and were done before."""
         return {
             "schema_version": 1,
             "out": str(self.out),
@@ -125,11 +125,11 @@ class ArchiveRows(Result):
 
 
 def run_over_archive(job: ArchiveJob, *, tell: Callable[[int, int], None] = lambda _done, _runs: None) -> ArchiveRows:
-    """Do a job over an archive as far as it is not done; return all rows once table and page are written.
+    """Do the rest of a job over an archive, write table and page, and return all rows.
 
-    `tell` takes how many runs are done, and how many there are, as they come. Raises ConfigError if there is no such
-    archive, a file that all runs need is wrong, or dask or a scheduler is not there; DataError if the folder is in use
-    or the scheduler went away (what was done is kept).
+    `tell` is called with the number of runs that are done, and the number of all. Raises ConfigError if the archive
+    does not exist, a common file is wrong, or dask or a scheduler is missing; DataError if the folder is in use or
+    the scheduler is lost (finished runs are kept).
     """
     job = _absolute(job)
     settings = _settings_text(job)
@@ -163,14 +163,14 @@ def run_over_archive(job: ArchiveJob, *, tell: Callable[[int, int], None] = lamb
             outcome=outcome,
             damaged=damaged,
         )
-        # The command has refused what a person made there; an earlier table of this folder makes room.
+        # The command has refused other people's files there, so this is an earlier table.
         with results_of(Origin(command=f"archive {job.verb}", digest=""), force=True):
             write_archive_rows(found.rows, job.verb, job.out, runs=found.runs, alpha=job.options.get("alpha", 1e-3))
     return found
 
 
 def _is_done(row: RunRow | None) -> bool:
-    """Return whether a row stands; one that a fault of the program or of the machine ended is tried again."""
+    """Return whether a row is final; runs that failed by a fault of program or machine are tried again."""
     return row is not None and row.exit_code != EXIT_OWN_FAULT
 
 
@@ -185,7 +185,7 @@ def _lost(task: RunTask, reason: str) -> tuple[RunRow, ...]:
 
 
 def _absolute(job: ArchiveJob) -> ArchiveJob:
-    """Return a job whose files are found from any folder; refuse calibrations that are not there."""
+    """Return a job with absolute paths; raise ConfigError if a calibration is missing."""
     for path in calibrations_of(job.options).files.values():
         if not path.is_file():
             raise ConfigError(f"{path}: there is no such calibration")
@@ -204,7 +204,7 @@ def _absolute(job: ArchiveJob) -> ArchiveJob:
 
 
 def _settings_text(job: ArchiveJob) -> str:
-    """Return all that the rows depend on except the runs; wrong files are refused here, once for all runs."""
+    """Return a text on which the rows depend besides the runs; wrong files are refused here, once for all runs."""
     given = calibrations_of(job.options)
     settings: dict[str, Any] = {name: one for name, one in job.options.items() if not isinstance(one, Path)}
     settings |= {
@@ -220,7 +220,7 @@ def _settings_text(job: ArchiveJob) -> str:
 
 
 class _Stores:
-    """The stores from which calibrations of runs are picked; each is looked at once."""
+    """The stores of calibrations of runs; each is read once."""
 
     def __init__(self, job: ArchiveJob) -> None:
         self._given, self._root = calibrations_of(job.options), job.root
@@ -228,7 +228,7 @@ class _Stores:
         self._seen: dict[Path, str] = {}
 
     def of_run(self, name: str) -> str:
-        """Return a hash of what the store of a run holds; nothing if nothing is picked."""
+        """Return a hash of the content of a run's store; empty if nothing is selected from it."""
         if not self._is_asked:
             return ""
         try:
@@ -242,7 +242,7 @@ class _Stores:
         return "" if store is None else self._seen[store]
 
 
-# What a worker does with a run: the function of the single verb, and the row that comes of it.
+# Work on a single run: the function of the verb, and the row of its result.
 
 
 def rows_of(task: RunTask) -> tuple[RunRow, ...]:
@@ -345,7 +345,7 @@ def _stokes_row(name: str, found: StokesResult) -> RunRow:
 
 
 def _recalibrated(name: str, run: Path, job: ArchiveJob) -> RunRow:
-    """Measure a run without any calibration file, and with the calibrations that are named or picked today."""
+    """Measure a run without calibrations, and with those that are given or selected today."""
     taken = _used(run, job)
     before = stokes_of(taken, _regions(job), CalibrationPaths())
     today, picked = recalibrated(taken, calibrations_of(job.options))
@@ -399,6 +399,6 @@ def _regions(job: ArchiveJob) -> list[Region]:
 
 
 def _calibrations_text(picked: PickedCalibrations | None) -> str:
-    """Return the calibrations of a row: kind, file and the beginning of its hash."""
+    """Return the calibrations of a row: kind, file and the first digits of its hash."""
     files = {} if picked is None else picked.paths.files
     return "; ".join(f"{kind} {path.name} {sha256_of(path)[:_DIGITS]}" for kind, path in files.items())

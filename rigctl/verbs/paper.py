@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rigctl.paper.check import CheckedPaper
 
 SHIPPED = ("library", "rough")
-# As many figures and sets of materials as are asked for.
+# Names of the files that may be written.
 _FILES = ("paper.html", "statements.csv", "statements.json", "curves.csv", "fig*.png", "estimators.png")
 _LEAST_HEIGHT_M, _MOST_HEIGHT_M = 1.0, 90_000.0
 _TRUE_SNR = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
@@ -106,7 +106,7 @@ class PaperResult(Result):
     found: "CheckedPaper"
 
     def content(self) -> Iterable[Part]:
-        """Return how many statements hold, each with its verdict, and what is assumed."""
+        """Return the number of statements by verdict, each statement, and assumptions."""
         from rigctl.paper.report import search_lines, statement_table, tally
 
         yield from (f"{one.name}: {tally(one.results)}" for one in self.found.sets)
@@ -116,7 +116,7 @@ class PaperResult(Result):
         yield from dict.fromkeys(text for one in self.found.sets for text in one.assumed)
 
     def as_json(self) -> list[dict[str, Json]]:
-        """Return what statements.json holds."""
+        """Return the content of statements.json."""
         from rigctl.paper.report import statement_json
 
         return [statement_json(one) for one in self.found.results]
@@ -132,11 +132,11 @@ class PaperResult(Result):
 class EstimatorResult(Result):
     """Bias and rms error of estimators of the true DoLP."""
 
-    true_snr: Any  #: true DoLP over the deviation of S1/S0 and of S2/S0, (k,) array
-    errors: "dict[str, EstimatorError]"  #: in units of that deviation, at each
+    true_snr: Any  #: true DoLP over the standard deviation of S1/S0 and S2/S0, (k,) array
+    errors: "dict[str, EstimatorError]"  #: in units of that deviation
 
     def content(self) -> Iterable[Part]:
-        """Return the estimator with the least error where the signal is twice the noise, and the table."""
+        """Return the estimator with the least error at a true SNR of 2, and the table."""
         from rigctl.paper.report import estimator_plot, estimator_table
 
         place = list(self.true_snr).index(2.0)
@@ -163,7 +163,7 @@ class EstimatorResult(Result):
 
 
 def _numbers(values: Iterable[float]) -> list[Json]:
-    """Return numbers as JSON holds them: what does not exist is null."""
+    """Return numbers for JSON: undefined ones are null."""
     return [float(value) if math.isfinite(value) else None for value in values]
 
 

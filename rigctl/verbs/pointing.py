@@ -1,4 +1,4 @@
-"""`rigctl calibrate pointing`: where camera and panels point, from what people measured and what pictures show."""
+"""`rigctl calibrate pointing`: directions of camera and panels, from measured angles and from pictures."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
     FloatArray = NDArray[np.float64]
 
-# A panel that is tilted by less than this many of its errors leans nowhere.
+# The azimuth of a tilt of fewer errors than this means nothing.
 _LEANS = 3.0
-# Less is rounding. What is written stays a correlation when its last digits are rounded.
+# Smaller correlations are rounding; larger ones are cut so that they stay valid when rounded.
 _NOT_NONE, _FIRM, _DIGITS = 1e-6, 1.0 - 1e-8, 10
-# Pairs of angles that are printed, and the least correlation of them; --write has all.
+# Largest number of correlations that are printed, and the least one; --write has all.
 _SHOWN, _WORTH_A_LINE = 6, 0.1
 
-# Numbers below zero begin with a hyphen.
+# Negative numbers begin with a hyphen, like options.
 _Text: TypeAlias = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 
 
@@ -53,9 +53,9 @@ def pointing(
 ) -> "PointingResult":
     """Determine azimuth, zenith angle and roll of the camera, and the tilt of panels.
 
-    Every source that is given counts by its error; one that the others exclude is reported. --write puts the angles
-    into the scene file as { value = ..., std = ... }, and how their errors go together into its [pointing], so that a
-    comparison allows for them.
+    Each source is weighted by its error; a source that contradicts the others is reported. --write puts the angles into
+    the scene file as { value = ..., std = ... }, and the correlations of their errors into its [pointing], so that a
+    comparison takes them into account.
 
     Example: rigctl calibrate pointing runs/panels --compass "171 +- 2" --declination "-11.3 +- 0.3"
     --level "-35,0.4 +- 0.3"
@@ -65,7 +65,7 @@ def pointing(
     run : path or Run
         Run folder: time, site, size of the picture.
     lens : path
-        Lens, by `rigctl calibrate lens`.
+        Lens calibration, from `rigctl calibrate lens`.
     focal_px : str
         Focal length over pixel pitch with its error, without a lens file: "1500 +- 20".
     sun : str
@@ -73,13 +73,13 @@ def pointing(
     compass : str
         Magnetic azimuth of the viewing direction with its error [deg]: "171 +- 2".
     declination : str
-        Of the compass, east positive, or with a letter: "-11.3 +- 0.3", "11.3 W +- 0.3".
+        Magnetic declination, east positive, or with a letter: "-11.3 +- 0.3", "11.3 W +- 0.3".
     level : str
         Elevation (down is negative) and roll of the camera, with their error [deg]: "-35,0.4 +- 0.3".
     camera_at : str
         Place of the camera: "LATITUDE,LONGITUDE,HEIGHT +- METRES".
     target_at : str
-        Place of the target, written likewise.
+        Place of the target, in the same form.
     panel : sequence of str
         A panel and its sides in metres: "white_panel=0.6x0.4". Repeatable.
     outlines : path
@@ -110,7 +110,7 @@ def pointing(
     if sun is not None and seen is not None:
         sources.append(sun_in_picture(pixel_of_sun(sun, record), pixel_std, seen, optics()))
     if not sources:
-        raise ConfigError("nothing says where the camera looks: give --compass, --level, --sun or another")
+        raise ConfigError("no source gives the direction of the camera: give --compass, --level, --sun or another")
     pose = fuse(sources, None if lens is None and focal_px is None else optics().covariance)
     tilts = {name: [panel_tilt(one, pose) for one in found] for name, found in stands.items()}
     result = PointingResult(
@@ -135,14 +135,14 @@ class PointingResult(Result):
     """Direction of the camera, and tilt of panels."""
 
     pose: "CameraPose"
-    sources: tuple[str, ...]  #: what it was found from
+    sources: tuple[str, ...]  #: names of the sources
     panels: "Mapping[str, PanelTilt]"
-    unclear: Mapping[str, str]  #: panels whose outline fits two stands, and both in words
-    sun_deg: tuple[float, float] | None  #: azimuth and elevation as it is seen, where it was needed [deg]
-    changes: tuple[str, ...] = ()  #: lines of the scene file that went and came
+    unclear: Mapping[str, str]  #: panels whose outline fits two tilts, with a text on both
+    sun_deg: tuple[float, float] | None  #: azimuth and apparent elevation of the sun, if needed [deg]
+    changes: tuple[str, ...] = ()  #: lines of the scene file that were removed and added
 
     def content(self) -> Iterable[Part]:
-        """Return the angles with their errors, and which errors go together."""
+        """Return the angles with their errors, and correlations."""
         yield f"from {', '.join(self.sources)}"
         if self.sun_deg is not None:
             yield f"sun: azimuth {self.sun_deg[0]:.3f}, elevation {self.sun_deg[1]:.3f} deg"
@@ -155,7 +155,7 @@ class PointingResult(Result):
 
     @property
     def geometry(self) -> dict[str, tuple[float, float]]:
-        """Keys of a scene's ``[geometry]`` with value and standard uncertainty, those that are determined [deg]."""
+        """Determined keys of a scene's ``[geometry]`` with value and standard uncertainty [deg]."""
         import numpy as np
 
         from calibration.pointing.pose import UNKNOWN_STD_RAD
@@ -175,7 +175,7 @@ class PointingResult(Result):
     def joint(self) -> "tuple[tuple[str, ...], FloatArray]":
         """Parameters of the scene that are determined, and the covariance of their errors [deg^2].
 
-        The camera's angles and the panels' are found from one another, so their errors go together.
+        The angles of camera and panels depend on one another, so their errors are correlated.
         """
         import numpy as np
 
@@ -216,7 +216,7 @@ class PointingResult(Result):
 
     @property
     def contradictions(self) -> tuple[str, ...]:
-        """Sources that the others exclude, as text."""
+        """Texts on sources that contradict the others."""
         return tuple(
             f"{_contradicts(one.name, self.sources)} (chi-square {one.chi_square:.1f}, p = {one.p_value:.1g}); all "
             "uncertainties are widened by that: look at it, or leave it out"
@@ -263,7 +263,7 @@ def _tilt_numbers(tilt: "PanelTilt") -> dict[str, tuple[float, float]]:
 
 
 def _going_together(together: "PointingSection | None") -> Iterable[str]:
-    """Yield the pairs of angles whose errors go together, the closest first."""
+    """Yield texts on correlated errors, the strongest first."""
     if together is None:
         return
     rows = [
@@ -273,9 +273,9 @@ def _going_together(together: "PointingSection | None") -> Iterable[str]:
     ]
     for one, other, correlation in sorted(rows, key=lambda row: -abs(row[2]))[:_SHOWN]:
         if abs(correlation) >= _WORTH_A_LINE:
-            yield f"errors of {other} and {one} go together: correlation {correlation:+.2f}"
+            yield f"errors of {other} and {one} are correlated: {correlation:+.2f}"
 
 
 def _both(tilts: "Sequence[PanelTilt]") -> str:
     rows = (f"tilt {math.degrees(one.tilt_rad):.1f} toward {math.degrees(one.azimuth_rad):.0f} deg" for one in tilts)
-    return " or ".join(rows) + ": the outline fits both; a larger picture of it, or its corners better, would tell"
+    return " or ".join(rows) + ": the outline fits both; a larger picture or more accurate corners would decide"

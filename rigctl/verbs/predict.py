@@ -101,7 +101,9 @@ def predict(
 
     tolerance = _tolerance(options)
     if tolerance is not None and uncertainty:
-        raise ConfigError("--tolerance: is of the computation, --uncertainty of the inputs; give one of them")
+        raise ConfigError(
+            "--tolerance is for numerical errors, --uncertainty for errors of the inputs; give one of them"
+        )
     with solving_shown() as tell:
         predictor, doubts, picked = _predictor(scene, options, tell=tell)
         pair = _pair(options.get("roc"), predictor)
@@ -229,19 +231,19 @@ def sweep(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction(Result):
-    """Prediction of a scene, as tables and as prediction.json has it."""
+    """Prediction of a scene: tables, and the content of prediction.json."""
 
     predictions: "dict[str, RegionPrediction]"
     performance: "Performance"  #: distribution of DoLP and detection
-    scene_remarks: tuple[str, ...]  #: what is assumed, and what is least known
-    doubts: tuple[str, ...]  #: about the calibrations
-    rocs: "dict[RocKind, PairDetection]"  #: whole curves; empty where none was asked for
-    picked: "RigPicks"  #: which calibrations were picked from the store
-    uncertain_inputs: tuple[str, ...]  #: inputs that have a stated uncertainty
-    light: "ScenePrediction | None" = None  #: geometry and parts of the light; None to a tolerance
-    uncertainty: "PredictedUncertainty | None" = None  #: of each number by the inputs, where that was asked for
-    accuracy: "Predicted | None" = None  #: numerical errors, to a tolerance
-    effects: "EffectPlan | None" = None  #: which effects act, to a tolerance
+    scene_remarks: tuple[str, ...]  #: assumptions, and the least known inputs
+    doubts: tuple[str, ...]  #: doubts about the calibrations
+    rocs: "dict[RocKind, PairDetection]"  #: ROC curves; empty unless requested
+    picked: "RigPicks"  #: calibrations that were selected from the store
+    uncertain_inputs: tuple[str, ...]  #: inputs with a stated uncertainty
+    light: "ScenePrediction | None" = None  #: geometry and parts of the light; None with a tolerance
+    uncertainty: "PredictedUncertainty | None" = None  #: uncertainty of each number by the inputs, if requested
+    accuracy: "Predicted | None" = None  #: numerical errors, with a tolerance
+    effects: "EffectPlan | None" = None  #: effects that act, with a tolerance
     snr: SnrKind = "exact"  #: DoLP SNR that tables show
 
     def __repr__(self) -> str:
@@ -249,12 +251,12 @@ class Prediction(Result):
 
     @property
     def calibrations(self) -> dict[str, Json]:
-        """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
+        """Calibrations by kind: file, sha256, why, age_days; empty without a store."""
         return self.picked.used
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Doubts about regions and their detection, each once."""
+        """Different doubts about regions and their detection."""
         from rigctl.prediction.predict import model_warnings
 
         pairs = (*self.performance.detections, *self.rocs.values())
@@ -268,11 +270,11 @@ class Prediction(Result):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Calibrations that were picked, and doubts about them."""
+        """Calibrations that were selected, and doubts about them."""
         return (*self.picked.lines, *self.doubts)
 
     def content(self) -> Iterable[Part]:
-        """Return the DoLP of each region, the light, all numbers, their errors, and what is assumed."""
+        """Return the DoLP of each region, the light, all numbers with their errors, and assumptions."""
         yield self._answer()
         yield from self._light()
         yield from self._tables()
@@ -306,7 +308,7 @@ class Prediction(Result):
             yield accuracy_table(self.accuracy)
             yield from (*accuracy_lines(self.accuracy), left_out_line(self.effects))
             if unstated := unstated_line(self.effects):
-                yield f"{unstated} (rigctl effects: by how much)"
+                yield f"{unstated} (`rigctl effects` shows by how much)"
         yield from (*self.scene_remarks, *self.warnings)
         if self.uncertainty is not None:
             from rigctl.report.prediction import correlation_lines
@@ -329,7 +331,7 @@ class Prediction(Result):
         return {name: one.quantities for name, one in self.predictions.items()}
 
     def as_json(self) -> dict[str, Json]:
-        """Return what prediction.json holds."""
+        """Return the content of prediction.json."""
         from model.prediction import reason_missing
         from rigctl.report.detection import roc_json
         from rigctl.report.effects import effects_json
@@ -383,7 +385,7 @@ class Prediction(Result):
         Parameters
         ----------
         backend : {"pandas", "polars"}
-            Whose data frame. The error is there after ``predict(..., uncertainty=True)``.
+            Library of the data frame. The error is given after ``predict(..., uncertainty=True)``.
         """
         from rigctl.report.document import Table, value_columns
 
@@ -398,13 +400,13 @@ class Prediction(Result):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SweepResult(Result):
-    """Prediction of a scene over ranges of its numbers, as tables and as sweep.json has it."""
+    """Prediction of a scene over ranges of its numbers: tables, and the content of sweep.json."""
 
     found: "Sweep"
     scene_remarks: tuple[str, ...]
     doubts: tuple[str, ...]
     picked: "RigPicks"
-    accuracy: "Predictions | None" = None  #: numerical errors, to a tolerance
+    accuracy: "Predictions | None" = None  #: numerical errors, with a tolerance
     snr: SnrKind = field(default="exact")
 
     def __repr__(self) -> str:
@@ -414,16 +416,16 @@ class SweepResult(Result):
 
     @property
     def calibrations(self) -> dict[str, Json]:
-        """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
+        """Calibrations by kind: file, sha256, why, age_days; empty without a store."""
         return self.picked.used
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Calibrations that were picked, and doubts about them."""
+        """Calibrations that were selected, and doubts about them."""
         return (*self.picked.lines, *self.doubts)
 
     def content(self) -> Iterable[Part]:
-        """Return the span of DoLP of each region, tables, warnings, and what is assumed."""
+        """Return the range of DoLP of each region, tables, warnings and assumptions."""
         from rigctl.report.sweep import MOST_AXES, sweep_png, sweep_tables, warning_lines
         from rigctl.report.tradeoff import series_lines
 
@@ -448,7 +450,7 @@ class SweepResult(Result):
         return f"mean DoLP of pixels over {self.found.key}: {'; '.join(spans)}"
 
     def as_json(self) -> dict[str, Json]:
-        """Return what sweep.json holds, with numerical errors and calibrations."""
+        """Return the content of sweep.json, with numerical errors and calibrations."""
         from rigctl.report.tradeoff import series_json
 
         accuracy = {} if self.accuracy is None else {"accuracy": series_json(self.accuracy)}
@@ -526,7 +528,7 @@ def _report(picked: "RigPicks", doubts: Iterable[str]) -> None:
 
 
 def _tolerance(options: PredictOptions) -> float | None:
-    """Return the tolerance; without one, refuse options that only have a meaning with it."""
+    """Return the tolerance; raise ConfigError if an option needs one that is not given."""
     tolerance = options.get("tolerance")
     for option, value in (("effects", options.get("effects")), ("estimated-only", options.get("estimated_only"))):
         if tolerance is None and value:
@@ -557,7 +559,7 @@ def _pair(roc: str | None, predictor: "ScenePredictor") -> "RocPair | None":
 def _predictor(
     scene: ScenePath, options: PredictOptions, *, tell: Any
 ) -> "tuple[ScenePredictor, tuple[str, ...], RigPicks]":
-    """Return what predicts the scene, what is doubtful of the calibrations, and which were picked."""
+    """Return the predictor of the scene, doubts about the calibrations, and the selected ones."""
     import time
     from functools import partial
 
@@ -575,14 +577,14 @@ def _predictor(
         left_out=tuple(options.get("left_out", ())),
     )
     require_engine(engine, tier=None if file.atmosphere is None else file.atmosphere.tier)
-    # A prediction names no camera, so that only format and age can be unfit.
+    # A prediction states no camera, so only format and age can be unfit.
     used = MadeFor(bit_depth=file.sensor.bit_depth, taken_utc=utc_text(time.time_ns()))
     named, store = (None if path is None else Path(path) for path in (noise, options.get("calibrations")))
     place = Path(scene) if isinstance(scene, str | Path) else None
     picked = picked_for_scene(place, used, store, named)
     calibration = picked.files.get("noise", None if named == NONE else named)
     parameters, scaled, doubts = None, None, tuple[str, ...]()
-    # Calibrations bring run folders and measurement, a tenth of a second that a prediction without one does not need.
+    # Imports for calibrations take a tenth of a second, which a prediction without one saves.
     if calibration is not None:
         from rigctl.calibrations.noise import read_noise_file
 

@@ -22,7 +22,7 @@ _LOOK_EACH_S = 1.0
 _LINE_EACH_S = 1.0
 _RIG_FILE = ".toml"
 
-#: Numbers of each picture in words.
+#: Lines about the pictures.
 Lines: TypeAlias = Generator[str]
 
 
@@ -40,7 +40,7 @@ def preview(
     """Show the live picture of a camera with its sharpness, for focusing, until Ctrl-C.
 
     Open the printed address in a browser, turn the lens, and stop where the sharpness is largest. Exposure, gain and
-    zoom can be changed on the page. Saturated pixels are red. The contrast is stretched for the eye. No stage is needed
+    zoom can be changed on the page. Saturated pixels are red. The contrast is stretched. No stage is needed
     or moved.
 
     Example: rigctl preview sim:gc780 --exposure-ms 0.03
@@ -50,7 +50,7 @@ def preview(
     camera : str
         Rig file, or address of a camera as in a rig file.
     exposure_ms : float
-        Exposure [ms]; default: it follows the light.
+        Exposure [ms]; default: automatic.
     gain_db : float
         Gain [dB].
     zoom : int
@@ -92,7 +92,7 @@ def _report(where: str) -> None:
 
 
 def preview_on_page(camera: str, task: "Task", place: "Place", *, opened: Callable[[str], None]) -> Lines:
-    """Show what a camera sees on the page of `rigctl serve`, whose address `opened` gets; yield its numbers."""
+    """Show the picture of a camera on a page, call `opened` with its address, and yield the numbers."""
     from rigctl.web.acts import camera_acts
     from rigctl.web.page import Actions, page_app
     from rigctl.web.rig import LiveRig
@@ -108,7 +108,7 @@ def preview_on_page(camera: str, task: "Task", place: "Place", *, opened: Callab
 
 
 def _preview_in_file(camera: str, task: "Task", file: Path) -> Lines:
-    """Write what a camera sees into a file, stretched for the eye, picture after picture; yield its numbers."""
+    """Write the pictures of a camera with stretched contrast into a file; yield their numbers."""
     from rigctl.base.durable import write_durably
     from rigctl.web.rig import VIEW, LiveRig
 
@@ -125,7 +125,7 @@ def _preview_in_file(camera: str, task: "Task", file: Path) -> Lines:
 
 
 def _lines(rig: "LiveRig", task: "Task") -> Lines:
-    """Yield the numbers of each picture that a rig takes; its devices are closed in the end."""
+    """Yield the numbers of each picture of a rig; its devices are closed at the end."""
     from rigctl.web.rig import REST
 
     seen = 0

@@ -1,4 +1,4 @@
-"""`rigctl regions`: regions drawn on a picture of a run, and found again by markers on the panels."""
+"""`rigctl regions`: regions that are drawn on a picture of a run, and found again by markers on the panels."""
 
 import webbrowser
 from collections.abc import Iterable
@@ -107,7 +107,7 @@ def mark(
     seen = search_markers(_picture(run, frames), dictionary)
     if not seen:
         advice = "Print them large: 4x4 cells of six pixels at least"
-        raise DataError(f"{Path(run)}: no marker of {dictionary} is seen. {advice}")
+        raise DataError(f"{Path(run)}: no marker of {dictionary} was found. {advice}")
     return _written(out, drawn.model_copy(update={"markers": Markers(dictionary=dictionary, seen=seen)}))
 
 
@@ -165,7 +165,7 @@ class WrittenRegions(Result):
 
 @dataclass(frozen=True, kw_only=True)
 class FoundRegions(Result):
-    """Regions that were found again, each with how far it went."""
+    """Regions that were found again, with their shifts."""
 
     path: Path
     file: "RegionsFile"

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from rigctl.web.server import Addresses, PageServer, Place
 
 _RIG_FILE = ".toml"
-# Beside the runs, for this user's eyes alone.
+# File next to the runs, readable only by this user.
 _TOKENS_FILE = ".rigctl-page.json"
-# Such as gige:192.168.0.5; a run may be named by a time.
+# Address of a camera, such as gige:192.168.0.5; a run may be named by a time with colons.
 _ADDRESS = re.compile(r"[A-Za-z][\w-]*:")
 
 
@@ -88,13 +88,13 @@ def serve(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ServedPage(Result):
-    """A page that listens; it answers in `follow`."""
+    """A page that listens, and answers in `follow`."""
 
     server: "PageServer"
 
     @property
     def addresses(self) -> "Addresses":
-        """Addresses with their tokens, to look and, of a rig, to act."""
+        """Addresses with tokens: to look and, for a rig, to act."""
         return self.server.addresses
 
     def content(self) -> Iterable[Part]:
@@ -108,7 +108,7 @@ class ServedPage(Result):
         return asdict(self.addresses)
 
     def show_json(self) -> None:
-        """Print the addresses in one line, for a program that reads it while the page is served."""
+        """Print the addresses in one line, for programs that read it while the page is served."""
         from rigctl.console import json_text
 
         sys.stdout.write(json_text(self.as_json(), indent=None))
@@ -124,7 +124,7 @@ class ServedPage(Result):
 
 
 def _rig_server(rig: str, sessions: Path, runs: Path, place: "Place", *, new_tokens: bool) -> "PageServer":
-    """Return the server of a rig: its page acts on camera, stage, regions and sessions."""
+    """Return the server of a rig, whose page operates camera, stage, regions and sessions."""
     from rigctl.web.acts import Sessions, camera_acts, region_acts, session_acts, stage_acts
     from rigctl.web.page import Actions, page_app
     from rigctl.web.rig import LiveRig

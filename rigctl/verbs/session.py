@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 #: When the lens has to be covered: ask at the terminal, or hold until `rigctl resume`.
 Ask: TypeAlias = Literal["terminal", "hold"]
 
-# Without --all.
+# Rows without --all.
 _MOST_STEPS, _MOST_ROUNDS = 12, 12
 _DATE_DIGITS, _UTC_DIGITS = 11, 19
 # A false DoLP below this is a rounding error.
@@ -42,9 +42,9 @@ _TITLES = {
     "angle_deg": "angle",
     "exposure_ms": "exposure",
 }
-# Of the width or height of a picture.
+# Largest width or height of a picture.
 _MOST_DIGITS = 6
-# Share of saturated pixels beyond which a predicted DoLP says nothing.
+# Share of saturated pixels above which a predicted DoLP means nothing.
 _MOST_SATURATED = 0.01
 
 
@@ -164,8 +164,8 @@ def acquire(
     polarizer : path or "none"
         Polarizer calibration file that the rig file must agree with. "none" uses none.
     calibrations : path or "none"
-        Folder from which calibrations that are not given are picked; without this option, the folder ``calibrations``
-        next to the rig file. "none" picks none.
+        Folder from which calibrations that are not given are selected; default: the folder ``calibrations``
+        next to the rig file. "none" selects none.
     scene : path
         Scene file, for --target-dolp-sigma.
     target_dolp_sigma : float
@@ -238,8 +238,8 @@ def acquire(
 def resume(run: RunPath, /, *, ask: Ask = "terminal") -> "SessionResult":
     """Continue a session that holds, or that was interrupted: by a kill, a power cut, a full disk, a lost device.
 
-    A session that is running and holds is asked to continue. Otherwise the run is verified, whole frames that were not
-    acknowledged are adopted, damaged ones are set aside, and the session continues at the first missing step.
+    A session that runs and holds continues. Otherwise the run is verified, undamaged frames that are missing in the
+    manifest are added to it, damaged ones are set aside, and the session continues at the first missing step.
 
     Example: rigctl resume runs/2026-05-04
 
@@ -313,15 +313,15 @@ def _ask_running(run: Path, request: "Request") -> "Asked":
 
 @dataclass(frozen=True, kw_only=True)
 class Asked(Result):
-    """A request to the session that writes into a run."""
+    """A request to the session of a run."""
 
     path: Path
-    process: int  #: that writes into the run
+    process: int  #: the session's process
     request: str
 
     def content(self) -> Iterable[Part]:
-        """Return the request in words."""
-        yield f"process {self.process} is asked to {self.request} after this frame"
+        """Return a sentence about the request."""
+        yield f"{self.request} requested from process {self.process}, after this frame"
 
     def as_json(self) -> dict[str, Json]:
         """Return run, process and request."""
@@ -330,12 +330,12 @@ class Asked(Result):
 
 @dataclass(frozen=True, kw_only=True)
 class SessionResult(Result):
-    """The end of a session, or the process that was asked to continue it, or its plan."""
+    """The end of a session, or the process that continues it, or its plan."""
 
     path: Path  #: run folder
-    process: int | None = None  #: that was asked to continue; None if the session has ended
+    process: int | None = None  #: process that was requested to continue; None if the session has ended
     outcome: "Outcome | None" = None  #: frames taken and planned; None while the session runs
-    planned: "PlannedSession | None" = None  #: of a dry run
+    planned: "PlannedSession | None" = None  #: plan of a dry run
 
     @property
     def run(self) -> "Run":
@@ -346,7 +346,7 @@ class SessionResult(Result):
 
     @property
     def exit_code(self) -> int:
-        """75 where the session ended before its last frame, as schedulers understand it."""
+        """75 if the session ended before its last frame: for schedulers, try again."""
         from rigctl.console import EXIT_INCOMPLETE
 
         return 0 if self.outcome is None or self.outcome.is_finished else EXIT_INCOMPLETE
@@ -357,7 +357,7 @@ class SessionResult(Result):
         if self.planned is not None:
             yield from self.planned.content()
         elif outcome is None:
-            yield f"asked process {self.process} to continue"
+            yield f"process {self.process} continues"
         elif outcome.was_finished:
             yield f"nothing to do: this session is finished, {outcome.frames} frames in {self.path}"
         elif outcome.is_finished:
@@ -366,7 +366,7 @@ class SessionResult(Result):
             yield f"{outcome.frames} of {outcome.planned} frames in {self.path}; rigctl resume {self.path} continues"
 
     def as_json(self) -> dict[str, Json]:
-        """Return the process that continues, or the frames, and those adopted and set aside before."""
+        """Return the process that continues, or the frames with those that were adopted and set aside."""
         if self.planned is not None:
             return self.planned.as_json()
         content: dict[str, Json] = {"run": str(self.path), "process": self.process}
@@ -385,14 +385,14 @@ class SessionResult(Result):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlannedSession(Result):
-    """A session laid out in time; with a scene, what its rounds can give."""
+    """The plan of a session, with predictions of its rounds if a scene is given."""
 
     plan: "SessionPlan"
     predictions: tuple[Mapping[str, Json], ...] | None = None  #: None without a scene
-    all_steps: bool = False  #: show every step, however many
+    all_steps: bool = False  #: show all steps
 
     def content(self) -> Iterable[Part]:
-        """Return frames, duration and disk, what the frames are, then rounds, predictions and the first steps."""
+        """Return frames, duration and disk space, then rounds, predictions and the first steps."""
         from rigctl.session.plan import SUN_ANGLES
 
         plan, rounds, steps = self.plan, self.plan.planned_rounds(), self.plan.planned_steps()
@@ -410,18 +410,18 @@ class PlannedSession(Result):
         if len(rounds) > 1:
             yield _table(rounds if self.all_steps else rounds[:_MOST_ROUNDS], ("round", "utc", *sun))
             if len(rounds) > _MOST_ROUNDS and not self.all_steps:
-                yield f"... and {len(rounds) - _MOST_ROUNDS} rounds more; `rigctl plan --all` prints all"
+                yield f"... and {len(rounds) - _MOST_ROUNDS} more rounds; `rigctl plan --all` prints all"
         yield from self._predicted()
         shown = steps if self.all_steps else steps[:_MOST_STEPS]
         yield _table(shown, ("sequence", "round", "time", *sun, "kind", "cycle", "angle_deg", "exposure_ms"))
         if len(shown) < len(steps):
-            yield f"... and {len(steps) - len(shown)} steps more; `rigctl plan --all` prints all"
+            yield f"... and {len(steps) - len(shown)} more steps; `rigctl plan --all` prints all"
         yield "angles are in degrees, exposures in ms"
         if sun:
-            yield "zenith and azimuth are the sun's, phi is its azimuth less the camera's"
+            yield "zenith and azimuth are the sun's, phi is its azimuth minus the camera's"
 
     def _predicted(self) -> Iterable[Part]:
-        """Yield which predictions saturate, the first of them as a table, and why some are missing."""
+        """Yield the number of saturated predictions, a table of the first ones, and problems."""
         from model.quantities import angle_of
 
         rows: list[Mapping[str, Any]] = [row for row in self.predictions or () if "problem" not in row]
@@ -443,7 +443,7 @@ class PlannedSession(Result):
             shown = rows if self.all_steps else rows[:_MOST_STEPS]
             yield Table(title="counts above black [DN]", columns=columns, rows=tuple(shown))
             if len(shown) < len(rows):
-                yield f"... and {len(rows) - len(shown)} signals more; `rigctl plan --all` prints all"
+                yield f"... and {len(rows) - len(shown)} more signals; `rigctl plan --all` prints all"
         for row in self.predictions or ():
             if "problem" in row:
                 yield f"round {row['round']}: {row['problem']}"
@@ -475,7 +475,7 @@ def _pixels(frame: str) -> int:
     width, times, height = frame.partition("x")
     sizes = [int(text) if text.isdecimal() and len(text) <= _MOST_DIGITS else 0 for text in (width, height)]
     if not times or 0 in sizes:
-        raise ConfigError(f"--frame: {shown(frame)} is no size; write it like 782x582")
+        raise ConfigError(f"--frame: {shown(frame)} is not a size; write it like 782x582")
     return sizes[0] * sizes[1]
 
 

@@ -46,7 +46,7 @@ def stage(
             note(f"{address} answers on {link}; Ctrl-C ends it")
             run()
     except FileExistsError as error:
-        raise ConfigError(f"--link: {link} is there already: remove it, or name another") from error
+        raise ConfigError(f"--link: {link} exists already: remove it, or give another path") from error
     except OSError as error:
         raise ConfigError(f"{error.filename}: cannot be written: {error.strerror}") from error
 
@@ -106,25 +106,25 @@ class LensResult(Result):
     """Focus of a simulated camera, before and now."""
 
     rig: Path
-    defocus_mm: float  #: How far the detector is behind the focus now [mm].
-    was_mm: float  #: And before [mm].
-    blur_px: float  #: Diameter of the disk that a point becomes [pixels].
+    defocus_mm: float  #: Present distance of the detector behind the focus [mm].
+    was_mm: float  #: Previous distance [mm].
+    blur_px: float  #: Diameter of the image of a point [pixels].
 
     def content(self) -> Iterable[Part]:
-        """Return the focus in words."""
+        """Return a sentence about the focus."""
         yield (
             f"{self.rig}: defocus {self.defocus_mm:g} mm, was {self.was_mm:g} mm; a point is a disk of "
             f"{self.blur_px:.1f} pixels"
         )
 
     def as_json(self) -> dict[str, Json]:
-        """Return the focus in numbers."""
+        """Return the numbers."""
         return {"defocus_mm": self.defocus_mm, "was_mm": self.was_mm, "blur_px": self.blur_px}
 
 
 @contextmanager
 def _until_stopped() -> Iterator[None]:
-    """End without a fault by Ctrl-C or SIGTERM."""
+    """End normally on Ctrl-C or SIGTERM."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield

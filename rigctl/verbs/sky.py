@@ -1,4 +1,4 @@
-"""`rigctl sky`: the polarized sky of a scene, of its own aerosol or of one kind after another."""
+"""`rigctl sky`: the polarized sky of a scene, with its own aerosol or with each kind."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -72,7 +72,7 @@ def sky(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SkyResult(Result):
-    """The sky of a scene as arrays; with each kind of aerosol where that was asked for, the file's own first."""
+    """The sky of a scene as arrays; if requested for each kind of aerosol, the scene file's own first."""
 
     sky: "SkyMap"
     kinds: "tuple[SkyOfKind, ...]" = ()
@@ -114,7 +114,7 @@ class SkyResult(Result):
             yield lambda: sky_picture(self.sky)
 
     def as_json(self) -> dict[str, Json]:
-        """Return what sky.json or sky-aerosols.json holds."""
+        """Return the content of sky.json or sky-aerosols.json."""
         from rigctl.report.light import kinds_json, sky_json
 
         return kinds_json(self.kinds) if self.kinds else sky_json(self.sky)

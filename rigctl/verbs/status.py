@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 _S_PER_MINUTE = 60
 _BYTES_PER_MB = 1e6
 _LAST_EVENTS = 5
-_TO_SECONDS = 19  # characters of a time in UTC, without its fraction
+_TO_SECONDS = 19  # characters of a UTC time without fractions of a second
 _UNKNOWN = "-"
 _ORIGINS = {"simulated": "simulated devices", "device": "real devices", "import": "imported images"}
-_MOST_PIXELS = 1_500_000  # of one frame; larger pictures are diagnosed from squares of pixels
+_MOST_PIXELS = 1_500_000  # pixels of a frame; larger pictures are diagnosed from squares of pixels
 
 
 def status(
@@ -93,10 +93,10 @@ class SessionStatus(Result):
 
     run: str
     state: "State"
-    process: int | None  #: that writes into the run
-    frames: int  #: on the disk
+    process: int | None  #: process that writes into the run
+    frames: int  #: stored frames
     disk_free_mb: float
-    live: "LiveStatus | None"  #: frames planned, remaining time and numbers, as the session last wrote them
+    live: "LiveStatus | None"  #: planned frames, remaining time and numbers, as last written by the session
     events: "tuple[RunEvent, ...]"  #: the last five
 
     def content(self) -> Iterable[Part]:
@@ -116,7 +116,7 @@ class SessionStatus(Result):
         yield from map(event_line, self.events)
 
     def as_json(self) -> dict[str, Json]:
-        """Return the state, and under `live` what the session last wrote of itself."""
+        """Return the state, and under `live` the content of the session's status.json."""
         from rigctl.session.status import status_json
 
         return asdict(self) | {"live": None if self.live is None else status_json(self.live)}
@@ -152,7 +152,7 @@ class FrameGroup:
     gain_db: float | None
     frames: int
     cycles: int
-    saturated_fraction: tuple[float, float]  #: of a frame's pixels, lowest and highest
+    saturated_fraction: tuple[float, float]  #: share of a frame's pixels, lowest and highest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,12 +174,12 @@ class RunContents(Result):
     cameras: tuple[str, ...]  #: model and serial number
     stages: tuple[str, ...]
     groups: tuple[FrameGroup, ...]
-    remarks: dict[str, int]  #: remarks in frames, and in how many
-    events: dict[str, int]  #: events, and how often each happened
-    doubts: tuple[str, ...] = ()  #: read them before the numbers are used
+    remarks: dict[str, int]  #: remarks, with the number of frames that have them
+    events: dict[str, int]  #: events, with their number
+    doubts: tuple[str, ...] = ()  #: warnings about the numbers
     start_times: tuple[str, ...] = ()  #: sources of the starts of exposures, and their errors
-    host_clock: str | None = None  #: how well this machine's clock was synchronised
-    excluded: tuple[int, ...] = ()  #: frames that people have excluded; they are not counted above
+    host_clock: str | None = None  #: synchronisation of this machine's clock
+    excluded: tuple[int, ...] = ()  #: excluded frames, which are not counted above
     annotations: "tuple[Annotation, ...]" = ()
 
     def content(self) -> Iterable[Part]:
@@ -276,7 +276,7 @@ def _groups(frames: "Iterable[FrameRecord]") -> tuple[FrameGroup, ...]:
 
 
 def _near(readback_deg: float, target_deg: float | None) -> float:
-    """Return a readback on the half turn around its target: for a target of 0 deg, 179.999 deg is -0.001 deg."""
+    """Return a readback modulo 180 deg near its target: for a target of 0 deg, 179.999 deg is -0.001 deg."""
     from rigctl.base.numbers import wrapped
 
     return readback_deg if target_deg is None else target_deg + wrapped(readback_deg - target_deg, turn=180.0)
@@ -319,12 +319,12 @@ def _span(values: tuple[float, float] | None, *, digits: int) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class SessionLog(Result):
-    """Events of a session, and notes of people."""
+    """Events and notes of a session."""
 
     run: str
     entries: "Sequence[RunEvent | Annotation]"
-    last: int | None = None  #: how many of the entries are shown
-    has_readings: bool = True  #: whether people read the readings of monitors too
+    last: int | None = None  #: number of entries to show
+    has_readings: bool = True  #: show the readings of monitors, too
 
     def content(self) -> Iterable[Part]:
         """Return one line for each event and note."""
@@ -350,9 +350,9 @@ def _log(path: Path, *, only: str | None, last: int | None) -> SessionLog:
     from rigctl.runs.folder import read_annotations, read_contents
     from rigctl.runs.records import read_events
 
-    read_contents(path)  # refuses what is not a run folder
+    read_contents(path)  # raises an error if it is not a run folder
     entries: list[RunEvent | Annotation] = [*read_events(path)]
-    if notes := read_annotations(path):  # without notes events stay in their order, even if the clock was set back
+    if notes := read_annotations(path):  # without notes the order of events stays, even if the clock was set back
         entries = sorted([*entries, *notes], key=lambda one: one.utc)
     if only is not None:
         entries = [one for one in entries if _name(one) == only]

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from rigctl.report.stokes_file import Plane
     from rigctl.runs.folder import Run as RunRecord
 
-_MOST_ROWS = 12  # regions on the first screen
+_MOST_ROWS = 12  # regions that are printed without --wide
 FILES = (
     "stokes.json",
     "stokes.fits",
@@ -56,7 +56,7 @@ def stokes(
     """Measure Stokes parameters, DoLP and AoLP of every pixel of a run, and of its regions.
 
     stokes.fits holds S0, S1 and S2 without the dark level, in DN, or in DN/s if exposures differ, with their errors and
-    covariances, DoLP and AoLP with errors, and a mask. Calibrations that are not given are picked from the store next
+    covariances, DoLP and AoLP with errors, and a mask. Calibrations that are not given are selected from the store next
     to the rig file (see rigctl calibrate list).
 
     Example: rigctl stokes runs/panels --regions examples/regions.toml --out stokes
@@ -105,11 +105,11 @@ def stokes(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StokesResult(Result):
-    """Stokes parameters of a run, as arrays, as a table and as `stokes.json` has them."""
+    """Stokes parameters of a run: arrays, a table, and the content of `stokes.json`."""
 
     run: "MeasuredRun"  #: measurement, regions, calibrations and faults of the run
-    checks: "tuple[Check, ...]"  #: whether the run is sound
-    is_wide: bool = False  #: whether every number is shown
+    checks: "tuple[Check, ...]"  #: checks of the run
+    is_wide: bool = False  #: show all numbers
 
     @property
     def measurement(self) -> "Measurement":
@@ -118,7 +118,7 @@ class StokesResult(Result):
 
     @property
     def picked(self) -> "PickedCalibrations":
-        """Which calibrations were used, and which of them were picked from the store."""
+        """Calibrations that were used, and those of them that were selected from the store."""
         return self.run.calibrations.picked
 
     def __repr__(self) -> str:
@@ -128,7 +128,7 @@ class StokesResult(Result):
 
     @property
     def calibrations(self) -> dict[str, Json]:
-        """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
+        """Calibrations by kind: file, sha256, why, age_days; empty without a store."""
         return self.picked.used
 
     @property
@@ -163,7 +163,7 @@ class StokesResult(Result):
 
     @cached_property
     def errors(self) -> "PixelErrors":
-        """Errors of every pixel by noise: covariance of S0, S1, S2, errors of DoLP and AoLP; and a mask of doubts."""
+        """Noise errors of every pixel: covariance of S0, S1, S2, errors of DoLP and AoLP; and a mask of doubts."""
         from rigctl.measure.pixel_errors import pixel_errors
 
         return pixel_errors(self.measurement, self.run.calibrations.noise)
@@ -172,7 +172,7 @@ class StokesResult(Result):
     def textures(self) -> "dict[str, Texture] | None":
         """Texture of each region's Stokes parameters [grid.unit^2]; None without a noise calibration.
 
-        Noise is taken off, the fixed pattern stays in it.
+        Noise is subtracted, fixed pattern is not.
         """
         import numpy as np
 
@@ -202,7 +202,7 @@ class StokesResult(Result):
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """Why the run is unsound; empty where it is sound."""
+        """Reasons why the run is unsound; empty if it is sound."""
         from rigctl.comparison.checks import refused_regions
 
         regions = {check.region for check in self.checks if check.region is not None}
@@ -216,14 +216,14 @@ class StokesResult(Result):
 
     @property
     def exit_code(self) -> int:
-        """4 where the run is unsound, or none of its regions can be measured."""
+        """4 if the run is unsound, or if none of its regions can be measured."""
         from rigctl.console import EXIT_DATA
 
         return EXIT_DATA if self.refused or (self.run.regions and not self.measurement.regions) else 0
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Calibrations that were picked, doubts and corrections."""
+        """Calibrations that were selected, doubts and corrections."""
         return (*self.picked.lines, *self.run.remarks)
 
     def content(self) -> Iterable[Part]:
@@ -288,7 +288,7 @@ class StokesResult(Result):
         yield from (f"{name} cannot be measured: {why}" for name, why in self.measurement.unmeasured.items())
 
     def as_json(self) -> dict[str, Json]:
-        """Return what stokes.json holds."""
+        """Return the content of stokes.json."""
         from rigctl.report.numbers import diagnosis_json, measurement_json
 
         return measurement_json(self.measurement, self.textures) | {
@@ -342,7 +342,7 @@ def stokes_of(
     correct: tuple[str, ...] = (),
     is_wide: bool = False,
 ) -> StokesResult:
-    """Measure a run that was read already."""
+    """Measure a run that is open."""
     from rigctl.comparison.checks import run_checks
     from rigctl.measure.calibrations import calibrations_of_run
     from rigctl.measure.diagnose import MEASURED_WITH, measure_run

@@ -27,8 +27,8 @@ def list_store(
 ) -> "StoreResult":
     """List the stored calibrations: for which devices, from when, and how long each is valid.
 
-    The store is the folder `calibrations` beside the rig file: whatever `rigctl calibrate` writes there. Where it
-    exists, `acquire`, `stokes`, `compare` and `predict` pick from it what is not named.
+    The store is the folder `calibrations` next to the rig file, with files of `rigctl calibrate`. If it exists,
+    `acquire`, `stokes`, `compare` and `predict` select from it the calibrations that are not given.
 
     Example: rigctl calibrate list --for runs/2026-05-04
 
@@ -37,7 +37,7 @@ def list_store(
     folder : path
         Store, or rig file next to it; default: ./calibrations.
     used_by : path
-        Run folder or rig file: show which calibrations are picked for it, and why.
+        Run folder or rig file: show which calibrations are selected for it, and why.
     at : str
         Time for which ages are shown, with a time zone; default: now.
     """
@@ -75,7 +75,7 @@ def history(folder: FilePath | None = None, /, *, out: Annotated[FilePath | None
     found = HistoryResult(folder=store.folder, histories=tuple(histories_of(store)))
     if out is not None:
         if not found.histories:
-            raise ConfigError(f"--out: {store.folder} holds no noise and no polarizer calibration with a date")
+            raise ConfigError(f"--out: {store.folder} has no noise or polarizer calibration with a date")
         write_whole(Path(out), found.picture())
         note(f"history: {out}", below=True)
     return found
@@ -86,7 +86,7 @@ class StoreResult(Result):
     """Calibrations of a store, and the choices for a run or rig if one is given."""
 
     store: "CalibrationStore"
-    now: "MadeFor"  #: the time that ages are taken at
+    now: "MadeFor"  #: time for which ages are given
     choices: "tuple[Choice, ...] | None" = None
 
     def content(self) -> Iterable[Part]:
@@ -103,7 +103,7 @@ class StoreResult(Result):
             Column(title="taken", text=lambda one: (one.made_for.taken_utc or "not known")[:10], left=True),
             Column(title="age [d]", text=age),
             Column(
-                title="holds [d]",
+                title="valid [d]",
                 text=lambda one: f"{one.made_for.valid_days:g}{'' if _holds(one, self.now) else ' EXPIRED'}",
             ),
             Column(title="camera", text=lambda one: one.made_for.camera_serial or "not stated", left=True),
@@ -144,13 +144,13 @@ class StoreResult(Result):
 
 @dataclass(frozen=True, kw_only=True)
 class HistoryResult(Result):
-    """Histories of the numbers of a store."""
+    """Histories of numbers in a store."""
 
     folder: Path
     histories: "tuple[History, ...]"
 
     def content(self) -> Iterable[Part]:
-        """Return a line for each quantity, and the picture."""
+        """Return a line for each quantity, and the plot."""
         yield from (one.line for one in self.histories)
         if self.histories:
             yield self.picture

@@ -73,29 +73,29 @@ class StudyResult(Result):
 
     table: "StudyTable"
     out: Path
-    outcome: "Outcome"  #: whether all cases were tried
-    done_before: int  #: cases that an earlier command had done
-    damaged: tuple[str, ...]  #: parts of an earlier command that could not be read; their cases were computed again
-    sobol: "tuple[SobolIndex, ...]" = ()  #: how much each input matters, of a whole study of that kind
+    outcome: "Outcome"  #: all cases were tried
+    done_before: int  #: number of cases from earlier commands
+    damaged: tuple[str, ...]  #: unreadable parts of an earlier command; their cases were computed again
+    sobol: "tuple[SobolIndex, ...]" = ()  #: sensitivity to each input, for a complete study of that kind
 
     @property
     def failed(self) -> int:
-        """Cases that have a reason in the place of numbers."""
+        """Number of cases that have a reason instead of numbers."""
         return sum(1 for reason in self.table.numbers.reasons if reason)
 
     @property
     def seconds_of_new_sky(self) -> float:
-        """Mean time of a case for which a sky was solved; NaN where there is none."""
+        """Mean time of a case for which a sky was solved; NaN if there is none."""
         return _mean(self.table.numbers.seconds[self.table.numbers.is_new_sky])
 
     @property
     def seconds_of_same_sky(self) -> float:
-        """Mean time of a case under the sky of the one before; NaN where there is none."""
+        """Mean time of a case with the previous case's sky; NaN if there is none."""
         return _mean(self.table.numbers.seconds[~self.table.numbers.is_new_sky])
 
     @property
     def reasons(self) -> list[str]:
-        """Why cases failed, each reason once with how many."""
+        """Texts on the reasons of failed cases, with their numbers."""
         from rigctl.study import UNDONE
 
         counted = Counter(reason for reason in self.table.numbers.reasons if reason and reason != UNDONE)
@@ -105,11 +105,11 @@ class StudyResult(Result):
 
     @property
     def exit_code(self) -> int:
-        """75 where the study was stopped on request."""
+        """75 if the study was stopped on request."""
         return EXIT_INCOMPLETE if self.outcome == "stopped" else 0
 
     def content(self) -> Iterable[Part]:
-        """Return how many cases there are, their time, and how much each input matters."""
+        """Return the number of cases, their time, and the sensitivity to each input."""
         cases = len(self.table.cases)
         if self.outcome == "stopped":
             yield f"stopped: {cases - self.failed} of {cases} cases are done; the same command continues"
@@ -125,7 +125,7 @@ class StudyResult(Result):
             yield sobol_table(self.sobol)
 
     def as_json(self) -> dict[str, Json]:
-        """Return the outcome for programs; the numbers are in the store."""
+        """Return the outcome; the numbers are in the store."""
         return {
             "schema_version": 1,
             "out": str(self.out),

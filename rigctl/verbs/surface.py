@@ -1,4 +1,4 @@
-"""`rigctl surface`: DoLP and reflectance of a material against angle, and the sources of its values."""
+"""`rigctl surface`: DoLP and reflectance of a material by angle, and the sources of its values."""
 
 import sys
 from collections.abc import Iterable
@@ -74,7 +74,7 @@ def surface(
     Returns
     -------
     SurfaceResult, SurfaceReadings, ManySurfaces or MaterialList
-        Reflected light of the material, at the geometries of a file, or of several; the materials that there are.
+        Reflected light of a material, also in given geometries; of several materials; or a list of materials.
 
     Raises
     ------
@@ -84,12 +84,12 @@ def surface(
     if listed:
         return MaterialList(materials=_materials())
     if material is None:
-        raise ConfigError("MATERIAL: which? rigctl surface --list names those that come with the program")
+        raise ConfigError("MATERIAL is missing; rigctl surface --list shows the materials of the library")
     if not 0.0 <= sun_zenith_deg < 90.0:
         raise ConfigError(f"--sun-zenith-deg: is {sun_zenith_deg:g}, must lie in [0, 90)")
     if at is not None:
         if more:
-            raise ConfigError(f"--at {at}: takes one material, {1 + len(more)} are named")
+            raise ConfigError(f"--at {at}: needs one material, {1 + len(more)} are given")
         read = _readings(material, Path(at), wavelength_nm, shadowing=shadowing, diffuse=diffuse)
         if out is not None:
             note(f"written: {', '.join(read.write(Path(out)))} in {out}", below=True)
@@ -158,7 +158,7 @@ def _readings(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurfaceReadings(Result):
-    """Light that a material reflects in given geometries; what does not exist, as DoLP without light, is NaN."""
+    """Reflected light of a material in given geometries; undefined numbers, such as DoLP without light, are NaN."""
 
     material: str
     columns: dict[str, list[float]]
@@ -173,7 +173,7 @@ class SurfaceReadings(Result):
         yield self._table().csv().rstrip()
 
     def show(self) -> None:
-        """Print CSV, unbroken whatever the width of the terminal."""
+        """Print CSV without line breaks for the terminal."""
         sys.stdout.write("".join(f"{part}\n" for part in self.content()))
 
     def as_json(self) -> dict[str, Json]:
@@ -191,7 +191,7 @@ class SurfaceReadings(Result):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurfaceResult(Result):
-    """Light that a material reflects, as tables and pictures."""
+    """Reflected light of a material: tables and pictures."""
 
     sheet: "SurfaceSheet"
 
@@ -200,7 +200,7 @@ class SurfaceResult(Result):
         return f"<{sheet.material} at {sheet.wavelength_nm:g} nm, sun at {sheet.sun_zenith_deg:g} deg>"
 
     def content(self) -> Iterable[Part]:
-        """Return the material's values, light in the plane of the sun, reflectance, and what no real surface does."""
+        """Return the material's values, light in the plane of the sun, reflectance, and unphysical findings."""
         from rigctl.report.surface import surface_tables
 
         for table in surface_tables(self.sheet):
@@ -209,7 +209,7 @@ class SurfaceResult(Result):
         yield from (f"finding: {finding}" for finding in self.sheet.findings)
 
     def as_json(self) -> dict[str, Json]:
-        """Return what surface.json holds."""
+        """Return the content of surface.json."""
         from rigctl.report.surface import surface_json
 
         return surface_json(self.sheet)
@@ -237,12 +237,12 @@ class SurfaceResult(Result):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ManySurfaces(Result):
-    """Light that several materials reflect, side by side."""
+    """Reflected light of several materials, side by side."""
 
     sheets: "tuple[SurfaceSheet, ...]"
 
     def content(self) -> Iterable[Part]:
-        """Return which material polarizes most, then a line for each."""
+        """Return the material that polarizes most, then a line for each."""
         from rigctl.report.surface import most_polarized, overview_table
 
         yield most_polarized(self.sheets)
@@ -251,7 +251,7 @@ class ManySurfaces(Result):
             yield from (f"{sheet.material}: finding: {finding}" for finding in sheet.findings)
 
     def as_json(self) -> dict[str, Json]:
-        """Return what surface.json holds: of each material what a single one has."""
+        """Return the content of surface.json: for each material the same as for a single one."""
         from rigctl.report.surface import surface_json
 
         return {"materials": [surface_json(sheet) for sheet in self.sheets]}
@@ -265,7 +265,7 @@ class ManySurfaces(Result):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MaterialList(Result):
-    """Every material that comes with the program: the library by names, others by the paths of their files."""
+    """All materials of the program: the library by names, others by the paths of their files."""
 
     materials: "dict[str, Material]"
 
@@ -276,7 +276,7 @@ class MaterialList(Result):
         yield materials_table(self.materials)
 
     def as_json(self) -> dict[str, Json]:
-        """Return the same for programs."""
+        """Return the content for JSON."""
         from rigctl.report.surface import materials_json
 
         return {"materials": materials_json(self.materials)}

@@ -1,4 +1,4 @@
-"""`rigctl tradeoff`: what accuracy costs in time, of the computation or of a session on the roof."""
+"""`rigctl tradeoff`: the time that accuracy costs, in computation or in a session on the roof."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -131,13 +131,13 @@ def tradeoff(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AccuracyTradeoff(Result):
-    """Error against time of tolerances, of choices of the paper and of each numerical setting."""
+    """Error and time of tolerances, of the paper's choices and of each numerical setting."""
 
     curves: "Curves"
     is_wide: bool = False
 
     def content(self) -> Iterable[Part]:
-        """Return which tolerance is worth having, the table of tolerances and choices, and why some seem better."""
+        """Return the recommended tolerance, the table of tolerances and choices, and why some seem better."""
         from rigctl.report.tradeoff import choice_table, curve_png, curve_table, floor_lines
 
         yield self._answer()
@@ -152,7 +152,7 @@ class AccuracyTradeoff(Result):
 
     @property
     def worth(self) -> "Predicted":
-        """The prediction to the tolerance that is worth having: the largest within what the inputs leave of DoLP."""
+        """The recommended prediction: of the largest tolerance within the uncertainty of DoLP from the inputs."""
         from rigctl.report.tradeoff import dolp_floor
 
         predictions, floor = self.curves.predictions, dolp_floor(self.curves)
@@ -198,7 +198,7 @@ class AccuracyTradeoff(Result):
         return Table(columns=text_columns(*titles, left=(0, 4)), rows=tuple(rows))
 
     def _seemingly_better(self) -> Iterable[str]:
-        """Yield choices that are faster and better than a tolerance: they come without an error that they promise."""
+        """Yield choices that are faster and better than a tolerance, but state no error."""
         from rigctl.prediction.tradeoff import faster_and_better
 
         return (one.name for one in self.curves.named if faster_and_better(one, self.curves))
@@ -215,7 +215,7 @@ class AccuracyTradeoff(Result):
         )
 
     def as_json(self) -> dict[str, Json]:
-        """Return what tradeoff.json holds."""
+        """Return the content of tradeoff.json."""
         from rigctl.report.tradeoff import curve_json
 
         return curve_json(self.curves)
@@ -235,13 +235,13 @@ class AccuracyTradeoff(Result):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AcquisitionResult(Result):
-    """Error of DoLP against the time of sessions, and the shortest that reaches what is wanted."""
+    """Error of DoLP and time of sessions, and the shortest session that reaches the target."""
 
     found: "AcquisitionTradeoff"
     is_wide: bool = False
 
     def content(self) -> Iterable[Part]:
-        """Return the shortest session or the best error, what each way of taking frames gives, and what is assumed."""
+        """Return the shortest session or the smallest error, the table of sessions, and assumptions."""
         from rigctl.report.tradeoff import assumptions, proposal, reached_table, reasons
         from rigctl.report.tradeoff import ways_table as curve_table
 
@@ -249,7 +249,7 @@ class AcquisitionResult(Result):
         if text is not None:
             yield text
         elif self.found.reached:
-            yield "nothing that was tried reaches it"
+            yield "no session that was tried reaches it"
         else:
             yield self._best()
         if self.found.reached:
@@ -273,7 +273,7 @@ class AcquisitionResult(Result):
         )
 
     def as_json(self) -> dict[str, Json]:
-        """Return what acquisition.json holds."""
+        """Return the content of acquisition.json."""
         from rigctl.report.tradeoff import tradeoff_json
 
         return tradeoff_json(self.found)

@@ -1,4 +1,4 @@
-"""`rigctl verify`: whether a run is whole, unfinished or damaged."""
+"""`rigctl verify`: checks whether a run is complete, unfinished or damaged."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -36,7 +36,7 @@ def verify(run: RunPath, /) -> "VerifiedRun":
 
 @dataclass(frozen=True)
 class VerifiedRun(Result):
-    """Problems of a run."""
+    """State and problems of a run."""
 
     run: Path
     verification: "Verification"
@@ -78,7 +78,7 @@ def _with_progress(frames: "Sequence[FrameRecord]") -> "Iterable[FrameRecord]":
 def verification_of(path: Path, *, watch: "Watch" = iter) -> "Verification":
     """Check a run folder, and list the steps of its plan without a frame.
 
-    `watch` is handed the records of the frames and gives them back one by one, as each is checked.
+    `watch` takes the records of the frames and yields them one by one as they are checked.
     """
     from pydantic import ValidationError
 
@@ -93,7 +93,9 @@ def verification_of(path: Path, *, watch: "Watch" = iter) -> "Verification":
     try:
         steps = _planned(contents.description)
     except (ValidationError, ConfigError, DataError):
-        return replace(found, unchecked=(*found.unchecked, "the plan: this program does not know such a session"))
+        return replace(
+            found, unchecked=(*found.unchecked, "the plan: this version of the program does not know such a session")
+        )
     taken = {record.sequence for record in contents.frames}
     gaps = tuple(f"step {step.sequence} ({_named(step)}) has no frame" for step in steps if step.sequence not in taken)
     return replace(found, gaps=gaps)

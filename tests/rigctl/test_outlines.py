@@ -123,7 +123,7 @@ def test_a_picture_without_markers_says_what_to_print(afternoon: Path, capsys: p
     out = afternoon / "marked.toml"
     given = ("mark", afternoon / "noon", afternoon / "regions.toml", "--out", out, "--dictionary", "6x6_250")
     assert run(*given) == EXIT_DATA
-    assert "no marker of 6x6_250 is seen" in capsys.readouterr().err
+    assert "no marker of 6x6_250 was found" in capsys.readouterr().err
     assert not out.exists()
 
 

@@ -149,7 +149,7 @@ def test_an_angle_without_frames_gives_a_remark_and_the_rest_is_measured(run):
     assert any("no frame at 45 deg is left" in remark for remark in found.remarks)
     grid = arrange(used_run(run))
     assert (grid.angles, grid.cycles) == (3, 3)
-    assert any("does not tell S0, S1 and S2" in remark for remark in _exclude(run, "0,4,8").remarks)
+    assert any("does not determine S0, S1 and S2" in remark for remark in _exclude(run, "0,4,8").remarks)
 
 
 def test_a_run_with_all_frames_excluded_gives_a_remark_and_is_refused(run):

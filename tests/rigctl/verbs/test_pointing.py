@@ -153,7 +153,7 @@ def test_contradicting_sources_are_said(run, capsys):
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ({}, "nothing says where the camera looks"),
+        ({}, "no source gives the direction of the camera"),
         ({"compass": "10 +- 1"}, "give both"),
         ({"compass": "10", "declination": "1 +- 1"}, "--compass: is '10'; write 1 number and an error"),
         ({"compass": "nan +- 1", "declination": "1 +- 1"}, "--compass"),

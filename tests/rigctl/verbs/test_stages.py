@@ -117,7 +117,7 @@ def test_a_plug_ins_camera_is_printed_as_the_rig_file_wants_it(installed, capsys
         'Mine, serial number 33, firmware 1.0\n    [camera]\n    address = "mine:3"\n    serial_number = "33"'
         in told.out
     )
-    assert "cameras (find_none) were not looked for: its library is not installed" in told.err
+    assert "cameras (find_none) were not searched: its library is not installed" in told.err
 
 
 def test_cameras_are_in_the_json(installed, capsys):
