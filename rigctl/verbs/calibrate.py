@@ -594,7 +594,7 @@ class RadiometricResult(Result):
     file: dict[str, Any]
 
     def content(self) -> Iterable[Part]:
-        """Return the response of each angle, its ratio to that of the scene file, and the causes of its error."""
+        """Return the response at each angle, its ratio to the scene file's, and the causes of its error."""
         from rigctl.report.document import Table, text_columns
 
         found, scale = self.file, self.file["over_scene_file"]

@@ -269,7 +269,7 @@ class SeriesResult(Result):
         return series_files(self.series)
 
     def write(self, folder: Path) -> tuple[str, ...]:
-        """Write the files of all runs into a folder and those of each run into one of its own in it."""
+        """Write the files of all runs into a folder, and those of each run into a subfolder."""
         from rigctl.comparison.series import name_of
 
         for comparison in self.comparisons:

@@ -145,7 +145,7 @@ class ExportedRun(Result):
     frames: int
 
     def content(self) -> Iterable[Part]:
-        """Return what the file has, and from how many frames."""
+        """Return the content of the file, and the number of frames."""
         numbers = "Stokes parameters of pixels" if self.of == "stokes" else "means of regions, cycle by cycle,"
         has_frames = self.of == "frames" and self.to != "csv"
         yield (

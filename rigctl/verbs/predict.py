@@ -502,7 +502,7 @@ class SweepResult(Result):
 
 
 def _csv_table(numbers: Iterable[tuple[str, str, str, float]], remarks: Iterable[str]) -> "AnyTable":
-    """Return a row a number, then a row without a number for each remark."""
+    """Return a row for each number, then one for each remark."""
     from rigctl.report.document import Table, value_columns
 
     rows = [(*number, "") for number in numbers] + [("", "", "", None, text) for text in remarks]
