@@ -102,7 +102,7 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
             "Readback error, backlash and settling time of the stage.",
         ),
         "calibrate pointing": ("rigctl.verbs.pointing:pointing", "Direction of the camera and tilt of panels."),
-        "calibrate list": ("rigctl.verbs.store:list_store", "List the stored calibrations, and which are picked."),
+        "calibrate list": ("rigctl.verbs.store:list_store", "List the stored calibrations, and which are selected."),
         "calibrate history": ("rigctl.verbs.store:history", "Changes of calibrated numbers over time."),
     },
     "Measure": {

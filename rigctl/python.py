@@ -240,8 +240,8 @@ class Run:
     @property
     def calibrations(self) -> Mapping[str, Any]:
         """Calibrations chosen by its session, by kind: file, sha256, why, age_days; empty without any."""
-        picked = self.record.session_json.get("calibrations")
-        return dict(picked) if isinstance(picked, dict) else {}
+        selected = self.record.session_json.get("calibrations")
+        return dict(selected) if isinstance(selected, dict) else {}
 
     @cached_property
     def _summary(self) -> str:

@@ -35,7 +35,7 @@ from rigctl.files.choices import SECONDS_PER_UNIT, ExposureUnit
 from rigctl.files.csv_table import csv_rows
 from rigctl.images import HeaderValue, ImageReading, read_image
 from rigctl.imports import headers
-from rigctl.runs.check import used_run
+from rigctl.runs.check import run_to_measure
 from rigctl.runs.folder import MANIFEST_FILE, Run
 from rigctl.runs.records import FrameRecord
 
@@ -100,7 +100,7 @@ class ListedImage:
 
 def run_frames(path: Path, *, ignore_exclusions: bool = False) -> FrameSet:
     """Return the dark and flat frames of a run, by kind, exposure and polarizer angle."""
-    run = used_run(path, ignore_exclusions=ignore_exclusions)
+    run = run_to_measure(path, ignore_exclusions=ignore_exclusions)
     _refuse_interpolated(run)
     shots = [shot for shot in _shots(run.frames) if shot[0].kind != "scene"]
     shots, flags = _of_one_temperature(shots, lambda shot: (shot[0].kind, shot[0].camera_temperature_c))

@@ -1,7 +1,7 @@
 """The store of calibrations: the folder `calibrations` beside a rig file.
 
-`read_store` lists its files with devices and times. `choose` picks the calibration of a kind that fits frames, with the
-reason, and the reasons against the others; `picked_for_rig` does so for a rig before any device is opened, and
+`read_store` lists its files with devices and times. `choose` selects the calibration of a kind that fits frames, with
+the reason, and the reasons against the others; `selected_for_rig` does so for a rig before any device is opened, and
 `store_doubts` names what is missing or expires soon. `histories_of` follows gain, read noise, dark current and axis of
 each device through time, with control limits.
 """
@@ -235,8 +235,8 @@ _SHOWN = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pick:
-    """A calibration that was picked."""
+class Selection:
+    """A calibration that was selected."""
 
     file: Path
     sha256: str  #: of its content
@@ -244,7 +244,7 @@ class Pick:
     age_days: float | None = None  #: days from it to the frames, below 0 where it came after; None if not known
 
     def as_json(self) -> dict[str, Json]:
-        """Return the pick as results hold it."""
+        """Return the selection for results."""
         age = None if self.age_days is None else round(self.age_days, 3)
         return {"file": str(self.file), "sha256": self.sha256, "why": self.why, "age_days": age}
 
@@ -254,14 +254,14 @@ class Choice:
     """The calibration of a kind that fits frames best."""
 
     kind: CalibrationKind
-    pick: Pick | None  #: None if none fits
-    others: tuple[tuple[Path, str], ...] = ()  #: files of the same kind that were not picked, and why
+    selection: Selection | None  #: None if none fits
+    others: tuple[tuple[Path, str], ...] = ()  #: files of the same kind that were not selected, and why
 
     @property
     def line(self) -> str:
         """The choice in a line for people."""
-        if self.pick is not None:
-            return f"{self.kind} calibration: {self.pick.file}: {self.pick.why}"
+        if self.selection is not None:
+            return f"{self.kind} calibration: {self.selection.file}: {self.selection.why}"
         reasons = "; ".join(f"{file.name}: {reason}" for file, reason in self.others[-_SHOWN:])
         return f"no {self.kind} calibration: of {len(self.others)} in the store none fits: {reasons}"
 
@@ -270,7 +270,7 @@ def choices_json(choices: Sequence[Choice], damaged: Sequence[UnreadFile]) -> di
     """Return the choices from a store for the JSON of results."""
     not_read: list[Json] = [{"file": str(one.file), "problem": one.problem} for one in damaged]
     return {
-        "calibrations": {one.kind: one.pick.as_json() for one in choices if one.pick is not None},
+        "calibrations": {one.kind: one.selection.as_json() for one in choices if one.selection is not None},
         "calibrations_not_picked": [
             {"kind": choice.kind, "file": str(file), "reason": reason}
             for choice in choices
@@ -307,10 +307,10 @@ def choose(
         why = _why(one, used, fitting=1 + len(rest), refused=[reason for _, reason in unfit], store=store)
         same = [other.file.name for other in rest if _rank(other, used) == _rank(one, used)]
         why += f"; taken at the same time: {', '.join(same)}; the last by name is used" if same else ""
-        pick = Pick(file=one.file, sha256=sha256_of(one.file), why=why, age_days=age_days(one.made_for, used))
+        selected = Selection(file=one.file, sha256=sha256_of(one.file), why=why, age_days=age_days(one.made_for, used))
         farther = [(other.file, _farther(other, used)) for other in rest]
-        return Choice(kind=kind, pick=pick, others=(*unfit, *farther))
-    return Choice(kind=kind, pick=None, others=tuple(unfit))
+        return Choice(kind=kind, selection=selected, others=(*unfit, *farther))
+    return Choice(kind=kind, selection=None, others=tuple(unfit))
 
 
 def _unfit(one: StoredCalibration, used: MadeFor) -> str | None:
@@ -390,28 +390,28 @@ _CLOCK_DAYS = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigPicks:
+class RigSelection:
     """Choices from a store for a rig or a run."""
 
-    store: Path | None = None  #: None where there is no store, and nothing is picked
+    store: Path | None = None  #: None where there is no store, and nothing is selected
     choices: tuple[Choice, ...] = ()  #: one for each kind
     damaged: tuple[UnreadFile, ...] = ()  #: files that may be calibrations but cannot be read
 
     @property
     def files(self) -> dict[CalibrationKind, Path]:
-        """Files that were picked, by kind."""
-        return {one.kind: one.pick.file for one in self.choices if one.pick is not None}
+        """Files that were selected, by kind."""
+        return {one.kind: one.selection.file for one in self.choices if one.selection is not None}
 
     @property
     def lines(self) -> tuple[str, ...]:
         """Each choice of which the store has any calibration, and each damaged file, in a line."""
-        lines = (choice.line for choice in self.choices if choice.pick is not None or choice.others)
+        lines = (choice.line for choice in self.choices if choice.selection is not None or choice.others)
         return (*lines, *(one.line for one in self.damaged))
 
     def report(self) -> None:
-        """Report what was picked; warn where there are calibrations of a kind and none fits."""
+        """Report what was selected; warn where there are calibrations of a kind and none fits."""
         for choice in self.choices:
-            if choice.pick is not None:
+            if choice.selection is not None:
                 note(choice.line)
             elif choice.others:
                 warn(choice.line)
@@ -422,7 +422,7 @@ class RigPicks:
     def used(self) -> dict[str, Json]:
         """Calibrations that are used, by kind: file, sha256, why, age_days; empty where there is no store."""
         choices = () if self.store is None else self.choices
-        return {one.kind: one.pick.as_json() for one in choices if one.pick is not None}
+        return {one.kind: one.selection.as_json() for one in choices if one.selection is not None}
 
     def __str__(self) -> str:
         """Return the files that are used as the end of a sentence."""
@@ -434,22 +434,22 @@ class RigPicks:
         return {} if self.store is None else choices_json(self.choices, self.damaged)
 
 
-def picked_for_rig(
+def selected_for_rig(
     rig: "RigFile",
     rig_path: Path,
     *,
     now_ns: int,
     store: Path | None = None,
     named: Mapping[CalibrationKind, Path | None],
-) -> RigPicks:
+) -> RigSelection:
     """Return the calibrations of a store that fit a rig."""
     found = _store(rig_path, store)
     if found is None:
-        return RigPicks()
+        return RigSelection()
     used = made_for_rig(rig, now_utc=utc_text(now_ns))
     wanted = [kind for kind, path in named.items() if path is None]
     choices = (choose(found, kind, used, require_usable=_usable(kind, rig, used)) for kind in wanted)
-    return RigPicks(store=found.folder, choices=tuple(choices), damaged=found.damaged)
+    return RigSelection(store=found.folder, choices=tuple(choices), damaged=found.damaged)
 
 
 def store_doubts(rig: "RigFile", rig_path: Path, *, now_ns: int) -> tuple[str, ...]:
@@ -476,16 +476,16 @@ def _doubts(store: CalibrationStore, kind: CalibrationKind, rig: "RigFile", used
             yield f"{store.folder} has no {kind} calibration"
         return
     choice = choose(store, kind, used, require_usable=_usable(kind, rig, used))
-    if choice.pick is None:
+    if choice.selection is None:
         yield choice.line
         return
-    made = next(one.made_for for one in there if one.file == choice.pick.file)
+    made = next(one.made_for for one in there if one.file == choice.selection.file)
     days = age_days(made, used)
     if days is not None and days < -_CLOCK_DAYS:
-        yield f"{kind} calibration: {choice.pick.file} is dated {-days:.0f} days ahead: check the clock, then and now"
+        yield f"{kind} calibration: {choice.selection.file} has a date {-days:.0f} days ahead: check both clocks"
     left = None if days is None or made.valid_days is None else made.valid_days - days
     if left is not None and left < _SOON_DAYS:
-        yield f"{kind} calibration: {choice.pick.file} expires in {left:.0f} days: make a new one"
+        yield f"{kind} calibration: {choice.selection.file} expires in {left:.0f} days: make a new one"
 
 
 def _usable(kind: CalibrationKind, rig: "RigFile", used: MadeFor) -> Callable[[Path], object]:
@@ -497,10 +497,10 @@ def _usable(kind: CalibrationKind, rig: "RigFile", used: MadeFor) -> Callable[[P
     return lambda path: record_of(kind).read(path).doubts(used)
 
 
-def picked_for_scene(scene: Path | None, used: MadeFor, store: Path | None, named: Path | None) -> RigPicks:
+def selected_for_scene(scene: Path | None, used: MadeFor, store: Path | None, named: Path | None) -> RigSelection:
     """Return the noise calibration that a prediction takes where none is named."""
     found = None if named is not None or (store is None and scene is None) else _store(scene or Path(), store)
     if found is None:
-        return RigPicks()
+        return RigSelection()
     choice = choose(found, "noise", used, require_usable=lambda path: record_of("noise").read(path).doubts(used))
-    return RigPicks(store=found.folder, choices=(choice,), damaged=found.damaged)
+    return RigSelection(store=found.folder, choices=(choice,), damaged=found.damaged)

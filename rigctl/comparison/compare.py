@@ -426,7 +426,7 @@ def _judged(
 def _of_run(run: MeasuredRun) -> tuple[str, ...]:
     """Return how the run was measured: its calibrations, its corrections, and what monitors recorded."""
     traces = monitor_traces(read_events(run.measurement.run.path))
-    return (*run.calibrations.picked.lines, *run.remarks, *(trace.line for trace in traces))
+    return (*run.calibrations.selected.lines, *run.remarks, *(trace.line for trace in traces))
 
 
 def _paired(predictions: Mapping[str, RegionPrediction], measurement: Measurement) -> Iterable[Row]:

@@ -1,6 +1,6 @@
-"""The calibrations of a run: named by options or picked from the store, read, and found to be of its devices.
+"""The calibrations of a run: named by options or selected from the store, read, and found to be of its devices.
 
-`picked_for_run` says which files, and why not others; `calibrations_of_run` reads them too, with doubts in words.
+`selected_for_run` says which files, and why not others; `calibrations_of_run` reads them too, with doubts in words.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ from rigctl.calibrations.store import (
     NONE,
     STORE_FOLDER,
     Choice,
-    Pick,
+    Selection,
     choose,
     read_store,
 )
@@ -23,8 +23,8 @@ from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.measure.frames import (
     CalibrationPaths,
     FrameGrid,
-    PickedCalibrations,
     RunCalibrations,
+    SelectedCalibrations,
     arrange,
     flat_division,
     frame_shifts,
@@ -34,27 +34,27 @@ from rigctl.runs.folder import Run
 
 
 def calibrations_of_run(paths: CalibrationPaths, run: Run, kinds: Sequence[CalibrationKind]) -> RunCalibrations:
-    """Return the calibrations of a run; of some kinds, those that are not named are picked from the store."""
-    picked = picked_for_run(paths, run, kinds)
-    files = picked.paths.files
+    """Return the calibrations of a run; of some kinds, those that are not named are selected from the store."""
+    selected = selected_for_run(paths, run, kinds)
+    files = selected.paths.files
     doubts = [f"{run.path}: {PLACEHOLDER}"] if run.session.polarizer.placeholder and "polarizer" not in files else []
     found: dict[str, Any] = {}
     for kind in KINDS:
         if kind in files:
             found[kind], more = record_of(kind).read_fitting(files[kind], run)
             doubts.extend(more)
-    return RunCalibrations(picked=picked, doubts=tuple(doubts), **found)
+    return RunCalibrations(selected=selected, doubts=tuple(doubts), **found)
 
 
 # As many folders above a run are looked into for its rig file.
 _ABOVE = 3
 
 
-def picked_for_run(paths: CalibrationPaths, run: Run, kinds: Sequence[CalibrationKind]) -> PickedCalibrations:
-    """Return the calibrations of a run, those that are not named picked from the store."""
-    folder = (paths.store or store_of_run(run)) if paths.picks else None
+def selected_for_run(paths: CalibrationPaths, run: Run, kinds: Sequence[CalibrationKind]) -> SelectedCalibrations:
+    """Return the calibrations of a run, those that are not named selected from the store."""
+    folder = (paths.store or store_of_run(run)) if paths.uses_store else None
     if folder is None:
-        return PickedCalibrations(paths=paths)
+        return SelectedCalibrations(paths=paths)
     store, grid = read_store(folder), arrange(run)
     used = made_for(run, grid.frames)
     choices = tuple(
@@ -64,9 +64,9 @@ def picked_for_run(paths: CalibrationPaths, run: Run, kinds: Sequence[Calibratio
         for kind in kinds
         if paths.named.get(kind) != NONE
     )
-    picked = {choice.kind: choice.pick.file for choice in choices if choice.pick is not None}
-    chosen = replace(paths, named=dict(paths.named) | picked)
-    return PickedCalibrations(paths=chosen, store=folder, choices=choices, damaged=store.damaged)
+    selected = {choice.kind: choice.selection.file for choice in choices if choice.selection is not None}
+    chosen = replace(paths, named=dict(paths.named) | selected)
+    return SelectedCalibrations(paths=chosen, store=folder, choices=choices, damaged=store.damaged)
 
 
 def store_of_run(run: Run) -> Path | None:
@@ -89,7 +89,7 @@ def store_of_run(run: Run) -> Path | None:
 
 
 def _named(kind: CalibrationKind, path: Path) -> Choice:
-    return Choice(kind=kind, pick=Pick(file=path, sha256=sha256_of(path), why="named on the command line"))
+    return Choice(kind=kind, selection=Selection(file=path, sha256=sha256_of(path), why="named on the command line"))
 
 
 def _usable(kind: CalibrationKind, run: Run, grid: FrameGrid) -> Callable[[Path], object]:

@@ -24,15 +24,15 @@ from rigctl.calibrations.made_for import CalibrationKind
 from rigctl.calibrations.polarizer import PolarizerParameters, read_polarizer_file
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region
-from rigctl.measure.calibrations import picked_for_run
+from rigctl.measure.calibrations import selected_for_run
 from rigctl.measure.faults import FaultTerm, fault_lines, fault_title
 from rigctl.measure.frames import (
     CalibrationPaths,
     FoundCorrections,
     FrameGrid,
     FrameShifts,
-    PickedCalibrations,
     RunCalibrations,
+    SelectedCalibrations,
     Throughput,
     flat_remarks,
     moved_edges,
@@ -418,7 +418,7 @@ def measure_run(
 ) -> MeasuredRun:
     """Measure a run with its calibrations, diagnose it, and correct it for the faults of some names."""
     given = RunCalibrations() if calibrations is None else calibrations
-    is_forced = given.picked.paths.force_registration
+    is_forced = given.selected.paths.force_registration
 
     measurement = measure(run, regions=regions, calibrations=given, may_measure_none=True)
     remarks, diagnosis = _registered(measurement, force=is_forced), diagnose_run(measurement)
@@ -499,13 +499,13 @@ def _helpful(measurement: Measurement, found: FoundCorrections, *, force: bool) 
 MEASURED_WITH: tuple[CalibrationKind, ...] = ("noise", "polarizer", "flat", "registration")
 
 
-def recalibrated(run: Run, paths: CalibrationPaths) -> tuple[Run, PickedCalibrations]:
+def recalibrated(run: Run, paths: CalibrationPaths) -> tuple[Run, SelectedCalibrations]:
     """Return a run with the axis of its polarizer calibration, if any, and all its calibrations."""
     # The axis in the rig file may be wrong, so no calibration is refused for it.
     open_axis = _with_polarizer(run, replace(run.session.polarizer, sense=None, offset_deg=None))
-    picked = picked_for_run(paths, open_axis, MEASURED_WITH)
-    named = picked.paths.files.get("polarizer")
-    return (run if named is None else with_axis(run, read_polarizer_file(named))), picked
+    selected = selected_for_run(paths, open_axis, MEASURED_WITH)
+    named = selected.paths.files.get("polarizer")
+    return (run if named is None else with_axis(run, read_polarizer_file(named))), selected
 
 
 def with_axis(run: Run, polarizer: PolarizerParameters) -> Run:

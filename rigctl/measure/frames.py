@@ -25,7 +25,7 @@ from rigctl.calibrations.noise import NoiseParameters
 from rigctl.calibrations.polarizer import Channel, PolarizerParameters
 from rigctl.calibrations.radiometric import RadiometricResponse
 from rigctl.calibrations.registration import ImageRegistration, angle_deg, usable_pixels
-from rigctl.calibrations.store import NONE, RigPicks
+from rigctl.calibrations.store import NONE, RigSelection
 from rigctl.errors import DataError
 from rigctl.files.regions import Region, masks
 from rigctl.runs.folder import Run
@@ -217,10 +217,10 @@ def _exposures_s(run: Run, records: tuple[tuple[FrameRecord, ...], ...]) -> Floa
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationPaths:
-    """Files of calibrations that somebody names, and where the others are picked from."""
+    """Files of calibrations that somebody names, and where the others are selected from."""
 
     named: Mapping[CalibrationKind, Path] = field(default_factory=dict)  #: `NONE` for a kind that is not to be used
-    picks: bool = False  #: pick what is not named from the store, where there is one
+    uses_store: bool = False  #: select calibrations that are not named from the store, if there is one
     store: Path | None = None  #: the store; None is the one next to the rig file
     force_registration: bool = False  #: use a registration that helps no edges too
 
@@ -231,8 +231,8 @@ class CalibrationPaths:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PickedCalibrations(RigPicks):
-    """Calibrations of a run: those that were named, and those that were picked from the store."""
+class SelectedCalibrations(RigSelection):
+    """Calibrations of a run: those that were named, and those that were selected from the store."""
 
     paths: CalibrationPaths = field(default_factory=CalibrationPaths)  #: all of them
 
@@ -241,7 +241,7 @@ class PickedCalibrations(RigPicks):
 class RunCalibrations:
     """Calibrations of a run: which they are, their contents, and doubts about using them for it, in words."""
 
-    picked: PickedCalibrations = field(default_factory=PickedCalibrations)
+    selected: SelectedCalibrations = field(default_factory=SelectedCalibrations)
     noise: NoiseParameters | None = None
     radiometric: RadiometricResponse | None = None
     registration: ImageRegistration | None = None

@@ -359,7 +359,7 @@ def compared_json(comparison: Comparison) -> dict[str, Json]:
         "not_tested": list(comparison.not_tested),
         "accuracy": None if comparison.accuracy is None else _accuracy(comparison.accuracy),
         "provenance": provenance_json(comparison),
-        **comparison.run.calibrations.picked.as_json(),
+        **comparison.run.calibrations.selected.as_json(),
         **annotations_of(measurement.run, measurement.grid.left_out),
     }
 

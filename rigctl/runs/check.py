@@ -148,7 +148,7 @@ def repair_run(path: Path) -> Repair:
         raise RunFolderError(f"{path}: cannot be repaired: {error.strerror}") from error
 
 
-def used_run(path: Path, *, ignore_exclusions: bool = False) -> Run:
+def run_to_measure(path: Path, *, ignore_exclusions: bool = False) -> Run:
     """Return a run for measurement, without excluded frames.
 
     Problems of the run and excluded frames are reported as warnings. `ignore_exclusions` keeps the excluded frames.

@@ -10,7 +10,7 @@ from rigctl.base.numbers import utc_text
 from rigctl.calibrations.made_for import CalibrationKind, MadeFor, made_for_rig
 from rigctl.calibrations.noise import NoiseParameters, read_noise_file
 from rigctl.calibrations.polarizer import read_polarizer_file, require_polarizer_fits
-from rigctl.calibrations.store import NONE, RigPicks, picked_for_rig
+from rigctl.calibrations.store import NONE, RigSelection, selected_for_rig
 from rigctl.console import json_text, note, warn
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import RoofChange
@@ -37,7 +37,7 @@ class PreparedSession:
     polarizer: Path | None  #: polarizer calibration; it must be of the same devices
     chosen: tuple[str, ...]  #: which cycles were chosen for the target
     doubts: tuple[str, ...]
-    selected: RigPicks  #: calibrations that were selected from the store
+    selected: RigSelection  #: calibrations that were selected from the store
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -70,8 +70,8 @@ def prepare_session(
     rig_file = with_simulation(load_rig(rig), clock_ns=clock_ns, perturb=perturb)
     session_file = load_session(session) if regions is None else _with_regions(load_session(session), regions)
     named: dict[CalibrationKind, Path | None] = {"noise": noise, "polarizer": polarizer}
-    picked = picked_for_rig(rig_file, rig, now_ns=clock_of(rig_file).utc_ns(), store=store, named=named)
-    found = picked.files | {kind: path for kind, path in named.items() if path not in (None, NONE)}
+    selected = selected_for_rig(rig_file, rig, now_ns=clock_of(rig_file).utc_ns(), store=store, named=named)
+    found = selected.files | {kind: path for kind, path in named.items() if path not in (None, NONE)}
     parameters = read_noise_file(found["noise"]) if "noise" in found else None
     session_file, chosen = with_target(session_file, parameters, scene=scene, target_dolp_sigma=target_dolp_sigma)
     grouping = grouping_cost(session_file) if rig_file.cell_deg is None else None
@@ -85,7 +85,7 @@ def prepare_session(
         polarizer=found.get("polarizer"),
         chosen=chosen,
         doubts=tuple(doubt for doubt in doubts if doubt is not None),
-        selected=picked,
+        selected=selected,
     )
 
 

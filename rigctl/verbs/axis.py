@@ -94,7 +94,7 @@ def axis(
     from rigctl.calibrations.polarizer_scan import load_generator, polarimeter_maps
     from rigctl.calibrations.record import write_content, write_whole
     from rigctl.console import with_answer
-    from rigctl.runs.check import used_run
+    from rigctl.runs.check import run_to_measure
 
     if write is not None:
         require_writable_rig(Path(write))
@@ -106,7 +106,7 @@ def axis(
         expected_std_deg=expect_std_deg,
     )
     areas = [None] if regions is None else regions_of(regions)
-    records = [used_run(Path(run), **frames) for run in runs]
+    records = [run_to_measure(Path(run), **frames) for run in runs]
     turning = None if generator is None else Path(generator)
     found, *_ = each = [_calibrated(records, reference_deg, turning, area, known) for area in areas]
     by_region = {area.name: one for area, one in zip(areas, each, strict=True) if area}

@@ -390,9 +390,9 @@ def flat(
     """
     from rigctl.calibrations.flat import flat_of_run
     from rigctl.calibrations.record import write_whole
-    from rigctl.runs.check import used_run
+    from rigctl.runs.check import run_to_measure
 
-    record = used_run(Path(run), **frames)
+    record = run_to_measure(Path(run), **frames)
     found = flat_of_run(record)
     file = found.content(record, valid_days=valid_days)
     if out is not None:
@@ -565,11 +565,11 @@ def radiometric(
     from rigctl.measure.calibrations import calibrations_of_run
     from rigctl.measure.frames import CalibrationPaths
     from rigctl.measure.measure import measure
-    from rigctl.runs.check import used_run
+    from rigctl.runs.check import run_to_measure
     from rigctl.scene.scene import scene_of_file
 
     content = scene_file_of(scene)
-    record = used_run(Path(run), **frames)
+    record = run_to_measure(Path(run), **frames)
     paths = CalibrationPaths(named={} if noise is None else {"noise": Path(noise)})
     given = calibrations_of_run(paths, record, ())
     regions = [region for region in content.regions if region.name == panel]
@@ -653,9 +653,9 @@ def registration(
     """
     from rigctl.calibrations.record import write_content
     from rigctl.calibrations.registration import register_run
-    from rigctl.runs.check import used_run
+    from rigctl.runs.check import run_to_measure
 
-    record = used_run(Path(run), **frames)
+    record = run_to_measure(Path(run), **frames)
     found = register_run(record, cycle=cycle)
     file = found.content(record, valid_days=valid_days)
     is_refused = found.doubt is not None and not force_registration

@@ -139,7 +139,7 @@ def _report(comparison: "Comparison") -> None:
     from rigctl.files.rig_file import PLACEHOLDER
 
     run = comparison.measurement.run
-    comparison.run.calibrations.picked.report()
+    comparison.run.calibrations.selected.report()
     if run.session.polarizer.placeholder:
         warn(f"{run.path}: {PLACEHOLDER}")
     if comparison.agrees is None:
@@ -155,7 +155,7 @@ class ComparisonResult(Result):
 
     def __repr__(self) -> str:
         found = self.comparison
-        return f"<comparison of {found.measurement.run.path}: {_short(found)}{found.run.calibrations.picked}>"
+        return f"<comparison of {found.measurement.run.path}: {_short(found)}{found.run.calibrations.selected}>"
 
     @property
     def agrees(self) -> bool | None:
@@ -170,7 +170,7 @@ class ComparisonResult(Result):
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty without a store."""
-        return self.comparison.run.calibrations.picked.used
+        return self.comparison.run.calibrations.selected.used
 
     @property
     def exit_code(self) -> int:
@@ -337,12 +337,12 @@ def read_scene_run(
     """Measure a run in the regions of a scene or regions file; return it, and the scene with its noise."""
     from rigctl.measure.calibrations import calibrations_of_run
     from rigctl.measure.diagnose import MEASURED_WITH, measure_run
-    from rigctl.runs.check import used_run
+    from rigctl.runs.check import run_to_measure
     from rigctl.scene.scene import scene_of_file
 
     paths = calibrations_of(options)
     model, drawn = _outlined(scene, regions, options)
-    record = used_run(run, ignore_exclusions=options.get("ignore_exclusions", False))
+    record = run_to_measure(run, ignore_exclusions=options.get("ignore_exclusions", False))
     kinds = (*MEASURED_WITH, "radiometric") if options.get("scale") == "panel" else MEASURED_WITH
     given = calibrations_of_run(paths, record, kinds)
     measured = measure_run(record, drawn, given, correct=options.get("correct", ()))
@@ -395,7 +395,7 @@ def _used_files(
     from rigctl.base.durable import source_of
     from rigctl.runs.folder import MANIFEST_FILE
 
-    named = {str(kind): path for kind, path in measured.calibrations.picked.paths.files.items()}
+    named = {str(kind): path for kind, path in measured.calibrations.selected.paths.files.items()}
     files = {"scene": scene, "regions": regions, **named, "manifest": run / MANIFEST_FILE}
     return {what: source_of(Path(path)) for what, path in files.items() if isinstance(path, str | Path)}
 
@@ -406,7 +406,7 @@ def _series(
     """Compare several runs of a rig with one scene; alpha is the probability of a false disagreement in any run."""
     from rigctl.base.durable import source_of
     from rigctl.comparison.series import ComparedSeries, drifts_of, require_one_instrument, trends_over_runs
-    from rigctl.runs.check import used_run
+    from rigctl.runs.check import run_to_measure
 
     if not isinstance(scene, str | Path):
         raise ConfigError("several runs are compared with one scene: give a scene file last, or with --scene")
@@ -414,7 +414,7 @@ def _series(
     if len(set(names)) < len(names):
         raise ConfigError(f"run folders of a series need different names; found {', '.join(names)}")
     ignored = options.get("ignore_exclusions", False)
-    require_one_instrument([used_run(path, ignore_exclusions=ignored) for path in runs])
+    require_one_instrument([run_to_measure(path, ignore_exclusions=ignored) for path in runs])
     alpha = _alpha(options)
     shared: CompareOptions = {**options, "alpha": alpha / len(runs)}
     found: list[Comparison] = []

@@ -77,14 +77,14 @@ def detect(
     from rigctl.measure.calibrations import calibrations_of_run
     from rigctl.measure.frames import CalibrationPaths
     from rigctl.measure.measure import measure, signal_of_cycle
-    from rigctl.runs.check import used_run
+    from rigctl.runs.check import run_to_measure
     from rigctl.scene.scene import scene_of_file
 
     if (regions is None) == (scene is None):
         raise ConfigError("give --regions FILE, or --scene SCENE.toml to predict from a scene")
     content = None if scene is None else scene_file_of(scene)
     drawn = regions_of(regions if content is None else content.regions)
-    record = used_run(Path(run), **frames)
+    record = run_to_measure(Path(run), **frames)
     paths = CalibrationPaths(named={} if noise is None else {"noise": Path(noise)})
     given, predicted = calibrations_of_run(paths, record, ()), None
     measurement = measure(record, regions=drawn, calibrations=given)

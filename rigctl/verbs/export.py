@@ -68,7 +68,7 @@ def export(
     from rigctl.base.durable import PART_SUFFIX
     from rigctl.files.rig_file import unset_polarizer
     from rigctl.runs import export as formats
-    from rigctl.runs.check import used_run
+    from rigctl.runs.check import run_to_measure
 
     path, place = Path(run), Path(out)
     if place.exists():
@@ -79,7 +79,7 @@ def export(
         raise ConfigError("--to csv: has the numbers of regions: give --regions FILE")
     if of == "frames" and to != "csv" and (regions is not None or set(frames) - {"ignore_exclusions"}):
         raise ConfigError(f"--to {to}: frames are written as they are; --regions and calibrations are for --to csv")
-    used = used_run(path, ignore_exclusions=frames.get("ignore_exclusions", False))
+    used = run_to_measure(path, ignore_exclusions=frames.get("ignore_exclusions", False))
     with tempfile.TemporaryDirectory(dir=place.parent, prefix=f".{place.name[:_MOST_NAME]}-", suffix=PART_SUFFIX) as at:
         part = Path(at) / "part"
         if of == "stokes":

@@ -238,7 +238,7 @@ def calibrations_of(frames: FrameOptions | ScaledOptions) -> "CalibrationPaths":
         raise ConfigError(f"--calibrations: {store}: there is no such folder")
     return CalibrationPaths(
         named={kind: Path(path) for kind, path in given.items() if path is not None},
-        picks=store != NONE,
+        uses_store=store != NONE,
         store=None if store == NONE else store,
         force_registration=frames.get("force_registration", False),
     )

@@ -25,12 +25,12 @@ from rigctl.files.scene_file import load_scene
 from rigctl.mapped import Engine, Outcome, code_version, held_folder, mapped
 from rigctl.measure.calibrations import store_of_run
 from rigctl.measure.diagnose import recalibrated
-from rigctl.measure.frames import CalibrationPaths, PickedCalibrations
+from rigctl.measure.frames import CalibrationPaths, SelectedCalibrations
 from rigctl.measure.measure import Measurement
 from rigctl.report.comparison import compared_json, comparison_files
 from rigctl.report.files import write_folder
 from rigctl.report.numbers import SCHEMA_VERSION
-from rigctl.runs.check import used_run
+from rigctl.runs.check import run_to_measure
 from rigctl.runs.folder import Run, read_run
 from rigctl.study import scene_digest
 from rigctl.verbs.compare import compare_run
@@ -213,7 +213,7 @@ def _settings_text(job: ArchiveJob) -> str:
         "scene": None if job.scene is None else scene_digest(load_scene(job.scene)),
         "regions": None if job.regions is None else [one.model_dump_json() for one in load_regions(job.regions)],
         "calibrations": {kind: path if path == NONE else sha256_of(path) for kind, path in given.named.items()},
-        "picked": [given.picks, str(given.store), given.force_registration],
+        "selected": [given.uses_store, str(given.store), given.force_registration],
         "out": [str(job.out), job.full],
     }
     return json.dumps(settings, sort_keys=True, default=str)
@@ -224,7 +224,7 @@ class _Stores:
 
     def __init__(self, job: ArchiveJob) -> None:
         self._given, self._root = calibrations_of(job.options), job.root
-        self._is_asked = job.verb != "verify" and self._given.picks and not set(self._given.files) >= set(KINDS)
+        self._is_asked = job.verb != "verify" and self._given.uses_store and not set(self._given.files) >= set(KINDS)
         self._seen: dict[Path, str] = {}
 
     def of_run(self, name: str) -> str:
@@ -287,7 +287,7 @@ def _compared(name: str, run: Path, job: ArchiveJob) -> RunRow:
         exit_code={True: 0, False: EXIT_DISAGREES, None: EXIT_DATA}[comparison.agrees],
         verdict=comparison.verdict,
         reason="; ".join(reasons),
-        calibrations=_calibrations_text(comparison.run.calibrations.picked),
+        calibrations=_calibrations_text(comparison.run.calibrations.selected),
         regions=_compared_regions(comparison),
     )
 
@@ -339,7 +339,7 @@ def _stokes_row(name: str, found: StokesResult) -> RunRow:
         exit_code=EXIT_DATA if found.refused else 0,
         verdict="refused" if found.refused else "flagged" if flagged else "sound",
         reason="; ".join(found.refused or dict.fromkeys(flagged)),
-        calibrations=_calibrations_text(found.picked),
+        calibrations=_calibrations_text(found.selected),
         regions=_measured_regions(found.measurement),
     )
 
@@ -348,12 +348,13 @@ def _recalibrated(name: str, run: Path, job: ArchiveJob) -> RunRow:
     """Measure a run without calibrations, and with those that are given or selected today."""
     taken = _used(run, job)
     before = stokes_of(taken, _regions(job), CalibrationPaths())
-    today, picked = recalibrated(taken, calibrations_of(job.options))
-    found = stokes_of(today, _regions(job), replace(picked.paths, picks=False, store=None), correct=_correct(job))
+    today, selected = recalibrated(taken, calibrations_of(job.options))
+    paths = replace(selected.paths, uses_store=False, store=None)
+    found = stokes_of(today, _regions(job), paths, correct=_correct(job))
     if job.full:
         found.write(_own_folder(name, job))
     else:
-        numbers = {"schema_version": SCHEMA_VERSION, **found.as_json(), **picked.as_json()}
+        numbers = {"schema_version": SCHEMA_VERSION, **found.as_json(), **selected.as_json()}
         write_folder(_own_folder(name, job), {"stokes.json": numbers})
     row = _stokes_row(name, found)
     old = {region.region: region for region in _measured_regions(before.measurement)}
@@ -363,7 +364,7 @@ def _recalibrated(name: str, run: Path, job: ArchiveJob) -> RunRow:
         else replace(region, dolp_before=old[region.region].dolp, aolp_before_deg=old[region.region].aolp_deg)
         for region in row.regions
     )
-    return replace(row, calibrations=_calibrations_text(picked), regions=changed)
+    return replace(row, calibrations=_calibrations_text(selected), regions=changed)
 
 
 def _verified(name: str, run: Path, _: ArchiveJob) -> RunRow:
@@ -385,7 +386,7 @@ def _own_folder(name: str, job: ArchiveJob) -> Path:
 
 
 def _used(run: Path, job: ArchiveJob) -> Run:
-    return used_run(run, ignore_exclusions=job.options.get("ignore_exclusions", False))
+    return run_to_measure(run, ignore_exclusions=job.options.get("ignore_exclusions", False))
 
 
 def _correct(job: ArchiveJob) -> tuple[str, ...]:
@@ -398,7 +399,7 @@ def _regions(job: ArchiveJob) -> list[Region]:
     return [] if job.scene is None else list(load_scene(job.scene).regions)
 
 
-def _calibrations_text(picked: PickedCalibrations | None) -> str:
+def _calibrations_text(selected: SelectedCalibrations | None) -> str:
     """Return the calibrations of a row: kind, file and the first digits of its hash."""
-    files = {} if picked is None else picked.paths.files
+    files = {} if selected is None else selected.paths.files
     return "; ".join(f"{kind} {path.name} {sha256_of(path)[:_DIGITS]}" for kind, path in files.items())

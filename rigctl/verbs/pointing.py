@@ -93,10 +93,10 @@ def pointing(
     """
     from calibration.pointing.pose import fuse, panel_tilt, sun_in_picture
     from rigctl.files.scene_file import write_into_scene
-    from rigctl.runs.check import used_run
+    from rigctl.runs.check import run_to_measure
     from rigctl.scene.pointing_sources import lens_of, panels_in_picture, pixel_of_sun, seen_sun, stated_sources
 
-    record = used_run(Path(run))
+    record = run_to_measure(Path(run))
 
     def optics() -> "Lens":
         return lens_of(None if lens is None else Path(lens), focal_px, record)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from model.accuracy.predict import Predicted, Predictions
     from model.effects.names import EffectPlan
     from model.prediction import PairDetection, RegionPrediction
-    from rigctl.calibrations.store import RigPicks
+    from rigctl.calibrations.store import RigSelection
     from rigctl.prediction.predict import (
         Axis,
         Performance,
@@ -105,7 +105,7 @@ def predict(
             "--tolerance is for numerical errors, --uncertainty for errors of the inputs; give one of them"
         )
     with solving_shown() as tell:
-        predictor, doubts, picked = _predictor(scene, options, tell=tell)
+        predictor, doubts, selected = _predictor(scene, options, tell=tell)
         pair = _pair(options.get("roc"), predictor)
         light: ScenePrediction | None = None
         accuracy: Predicted | None = None
@@ -131,7 +131,7 @@ def predict(
             scene_remarks=remarks,
             doubts=doubts,
             rocs={} if pair is None else roc_curves(predictions, pair),
-            picked=picked,
+            selected=selected,
             light=light,
             uncertain_inputs=only_uncertain(predictor.inputs).names,
             uncertainty=errors,
@@ -139,7 +139,7 @@ def predict(
             effects=effects,
             snr=options.get("snr", "exact"),
         )
-    _report(picked, doubts)
+    _report(selected, doubts)
     if out is not None:
         with solving_shown():
             note(f"written: {', '.join(found.write(Path(out)))} in {out}", below=True)
@@ -201,7 +201,7 @@ def sweep(
     if twice:
         raise ConfigError(f"RANGES: {twice[0]} is set by --set as well; leave one of them out")
     with solving_shown() as tell:
-        predictor, doubts, picked = _predictor(scene, options, tell=tell)
+        predictor, doubts, selected = _predictor(scene, options, tell=tell)
         pair = _pair(options.get("roc"), predictor)
         accuracy: Predictions | None = None
         if tolerance is None:
@@ -220,10 +220,10 @@ def sweep(
         scene_remarks=predictor.remarks,
         doubts=doubts,
         accuracy=accuracy,
-        picked=picked,
+        selected=selected,
         snr=options.get("snr", "exact"),
     )
-    _report(picked, doubts)
+    _report(selected, doubts)
     if out is not None:
         note(f"written: {', '.join(found.write(Path(out)))} in {out}", below=True)
     return found
@@ -238,7 +238,7 @@ class Prediction(Result):
     scene_remarks: tuple[str, ...]  #: assumptions, and the least known inputs
     doubts: tuple[str, ...]  #: doubts about the calibrations
     rocs: "dict[RocKind, PairDetection]"  #: ROC curves; empty unless requested
-    picked: "RigPicks"  #: calibrations that were selected from the store
+    selected: "RigSelection"  #: calibrations that were selected from the store
     uncertain_inputs: tuple[str, ...]  #: inputs with a stated uncertainty
     light: "ScenePrediction | None" = None  #: geometry and parts of the light; None with a tolerance
     uncertainty: "PredictedUncertainty | None" = None  #: uncertainty of each number by the inputs, if requested
@@ -247,12 +247,12 @@ class Prediction(Result):
     snr: SnrKind = "exact"  #: DoLP SNR that tables show
 
     def __repr__(self) -> str:
-        return f"<prediction of {', '.join(self.predictions)}{self.picked}>"
+        return f"<prediction of {', '.join(self.predictions)}{self.selected}>"
 
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty without a store."""
-        return self.picked.used
+        return self.selected.used
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -271,7 +271,7 @@ class Prediction(Result):
     @property
     def notes(self) -> tuple[str, ...]:
         """Calibrations that were selected, and doubts about them."""
-        return (*self.picked.lines, *self.doubts)
+        return (*self.selected.lines, *self.doubts)
 
     def content(self) -> Iterable[Part]:
         """Return the DoLP of each region, the light, all numbers with their errors, and assumptions."""
@@ -349,7 +349,7 @@ class Prediction(Result):
         ]
         if self.rocs:
             content["roc"] = roc_json({kind: (one,) for kind, one in self.rocs.items()}, ())
-        content |= self.picked.as_json()
+        content |= self.selected.as_json()
         if self.uncertainty is not None:
             content |= {"regions": self._regions(), **input_effects_json(self.uncertainty)}
         if self.accuracy is not None and self.effects is not None:
@@ -405,24 +405,24 @@ class SweepResult(Result):
     found: "Sweep"
     scene_remarks: tuple[str, ...]
     doubts: tuple[str, ...]
-    picked: "RigPicks"
+    selected: "RigSelection"
     accuracy: "Predictions | None" = None  #: numerical errors, with a tolerance
     snr: SnrKind = field(default="exact")
 
     def __repr__(self) -> str:
         values = self.found.values
         span = f"{len(values)} values from {values[0]:g} to {values[-1]:g}"
-        return f"<sweep of {self.found.key}, {span}{self.picked}>"
+        return f"<sweep of {self.found.key}, {span}{self.selected}>"
 
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty without a store."""
-        return self.picked.used
+        return self.selected.used
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Calibrations that were selected, and doubts about them."""
-        return (*self.picked.lines, *self.doubts)
+        return (*self.selected.lines, *self.doubts)
 
     def content(self) -> Iterable[Part]:
         """Return the range of DoLP of each region, tables, warnings and assumptions."""
@@ -454,7 +454,7 @@ class SweepResult(Result):
         from rigctl.report.tradeoff import series_json
 
         accuracy = {} if self.accuracy is None else {"accuracy": series_json(self.accuracy)}
-        return self._json() | accuracy | self.picked.as_json()
+        return self._json() | accuracy | self.selected.as_json()
 
     def _json(self) -> dict[str, Json]:
         from rigctl.report.sweep import sweep_json
@@ -521,8 +521,8 @@ def _dolp_text(name: str, prediction: "RegionPrediction") -> str:
     return f"{name} {plus_minus(mean, std)}"
 
 
-def _report(picked: "RigPicks", doubts: Iterable[str]) -> None:
-    picked.report()
+def _report(selected: "RigSelection", doubts: Iterable[str]) -> None:
+    selected.report()
     for doubt in doubts:
         warn(doubt)
 
@@ -558,14 +558,14 @@ def _pair(roc: str | None, predictor: "ScenePredictor") -> "RocPair | None":
 
 def _predictor(
     scene: ScenePath, options: PredictOptions, *, tell: Any
-) -> "tuple[ScenePredictor, tuple[str, ...], RigPicks]":
+) -> "tuple[ScenePredictor, tuple[str, ...], RigSelection]":
     """Return the predictor of the scene, doubts about the calibrations, and the selected ones."""
     import time
     from functools import partial
 
     from rigctl.base.numbers import utc_text
     from rigctl.calibrations.made_for import MadeFor
-    from rigctl.calibrations.store import NONE, picked_for_scene
+    from rigctl.calibrations.store import NONE, selected_for_scene
     from rigctl.prediction.predict import ScenePredictor
     from rigctl.scene.light import SceneLight, require_engine
     from rigctl.scene.scene import with_choices
@@ -581,8 +581,8 @@ def _predictor(
     used = MadeFor(bit_depth=file.sensor.bit_depth, taken_utc=utc_text(time.time_ns()))
     named, store = (None if path is None else Path(path) for path in (noise, options.get("calibrations")))
     place = Path(scene) if isinstance(scene, str | Path) else None
-    picked = picked_for_scene(place, used, store, named)
-    calibration = picked.files.get("noise", None if named == NONE else named)
+    selected = selected_for_scene(place, used, store, named)
+    calibration = selected.files.get("noise", None if named == NONE else named)
     parameters, scaled, doubts = None, None, tuple[str, ...]()
     # Imports for calibrations take a tenth of a second, which a prediction without one saves.
     if calibration is not None:
@@ -605,4 +605,4 @@ def _predictor(
         scaled=scaled,
         changes=changes_of(options.get("changes", ())),
     )
-    return predictor, doubts, picked
+    return predictor, doubts, selected

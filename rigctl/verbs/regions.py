@@ -194,9 +194,9 @@ class FoundRegions(Result):
 
 def _picture(run: RunPath, frames: RunOptions) -> Any:
     from rigctl.outlines import grey_picture
-    from rigctl.runs.check import used_run
+    from rigctl.runs.check import run_to_measure
 
-    return grey_picture(used_run(Path(run), **frames))
+    return grey_picture(run_to_measure(Path(run), **frames))
 
 
 def _read(path: FilePath) -> "RegionsFile":

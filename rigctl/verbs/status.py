@@ -68,7 +68,7 @@ def status(
     **frames
         With --contents and --page: which frames are read, see `RunOptions`.
     """
-    from rigctl.runs.check import used_run
+    from rigctl.runs.check import run_to_measure
 
     path = Path(run)
     if contents + log + (page is not None) > 1:
@@ -76,14 +76,14 @@ def status(
     if not log and (only is not None or last is not None):
         raise ConfigError(f"{'--last' if only is None else '--only'}: is an option of --log")
     if contents:
-        found = contents_of(used_run(path, **frames))
+        found = contents_of(run_to_measure(path, **frames))
         for doubt in found.doubts:
             warn(doubt)
         return found
     if log:
         return _log(path, only=only, last=last)
     if page is not None:
-        return _page(path, Path(page), used_run(path, **frames))
+        return _page(path, Path(page), run_to_measure(path, **frames))
     return _status(path)
 
 

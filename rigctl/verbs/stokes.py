@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rigctl.comparison.checks import Check
     from rigctl.files.regions import Region
     from rigctl.measure.diagnose import MeasuredRun
-    from rigctl.measure.frames import CalibrationPaths, PickedCalibrations
+    from rigctl.measure.frames import CalibrationPaths, SelectedCalibrations
     from rigctl.measure.measure import Measurement
     from rigctl.measure.pixel_errors import PixelErrors
     from rigctl.report.stokes_file import Plane
@@ -84,16 +84,16 @@ def stokes(
     ConfigError, DataError
         A file is wrong, or the run is unfit.
     """
-    from rigctl.runs.check import used_run
+    from rigctl.runs.check import run_to_measure
 
     found = stokes_of(
-        used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False)),
+        run_to_measure(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False)),
         regions_of(regions),
         calibrations_of(frames),
         correct=tuple(frames.get("correct", ())),
         is_wide=wide,
     )
-    found.picked.report()
+    found.selected.report()
     for remark in found.run.remarks:
         warn(remark)
     if out is not None:
@@ -117,24 +117,24 @@ class StokesResult(Result):
         return self.run.measurement
 
     @property
-    def picked(self) -> "PickedCalibrations":
+    def selected(self) -> "SelectedCalibrations":
         """Calibrations that were used, and those of them that were selected from the store."""
-        return self.run.calibrations.picked
+        return self.run.calibrations.selected
 
     def __repr__(self) -> str:
         grid = self.measurement.grid
         pixels = f"{grid.height} x {grid.width} pixels [{grid.unit}]"
-        return f"<Stokes parameters of {self.measurement.run.path}: {pixels}{self.picked}>"
+        return f"<Stokes parameters of {self.measurement.run.path}: {pixels}{self.selected}>"
 
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty without a store."""
-        return self.picked.used
+        return self.selected.used
 
     @property
     def calibration_files(self) -> dict[str, Path]:
         """Files of the calibrations that were used, by kind."""
-        return {str(kind): path for kind, path in self.picked.paths.files.items()}
+        return {str(kind): path for kind, path in self.selected.paths.files.items()}
 
     @property
     def s0(self) -> Any:
@@ -224,7 +224,7 @@ class StokesResult(Result):
     @property
     def notes(self) -> tuple[str, ...]:
         """Calibrations that were selected, doubts and corrections."""
-        return (*self.picked.lines, *self.run.remarks)
+        return (*self.selected.lines, *self.run.remarks)
 
     def content(self) -> Iterable[Part]:
         """Return DoLP and AoLP, the run's faults, and with --wide all numbers of the regions and their texture."""
@@ -297,7 +297,7 @@ class StokesResult(Result):
             "checks": [asdict(check) for check in self.checks],
             "flags": [check.name for check in self.checks if check.verdict == "flagged"],
             "sound": not any(check.verdict == "refused" for check in self.checks),
-            **self.picked.as_json(),
+            **self.selected.as_json(),
         }
 
     def output_files(self) -> Files:

@@ -113,7 +113,7 @@ class StoreResult(Result):
             Column(title="file", text=lambda one: str(one.file.relative_to(self.store.folder)), left=True),
         )
         yield Table(columns=columns, rows=self.store.calibrations)
-        yield from (one.line for one in self.choices or () if one.pick is not None or one.others)
+        yield from (one.line for one in self.choices or () if one.selection is not None or one.others)
 
     def as_json(self) -> dict[str, Json]:
         """Return calibrations, files that cannot be read, history and choices."""
@@ -182,16 +182,17 @@ def _holds(one: "StoredCalibration", now: "MadeFor") -> bool:
 
 def _choices(used_by: Path, folder: Path, now_ns: int) -> "tuple[Choice, ...]":
     from rigctl.calibrations.made_for import KINDS
-    from rigctl.calibrations.store import picked_for_rig
+    from rigctl.calibrations.store import selected_for_rig
     from rigctl.files.rig_file import load_rig
-    from rigctl.measure.calibrations import picked_for_run
+    from rigctl.measure.calibrations import selected_for_run
     from rigctl.measure.frames import CalibrationPaths
-    from rigctl.runs.check import used_run
+    from rigctl.runs.check import run_to_measure
 
     if used_by.is_dir():
-        return picked_for_run(CalibrationPaths(picks=True, store=folder), used_run(used_by), tuple(KINDS)).choices
+        paths = CalibrationPaths(uses_store=True, store=folder)
+        return selected_for_run(paths, run_to_measure(used_by), tuple(KINDS)).choices
     rig = load_rig(used_by)
-    return picked_for_rig(rig, used_by, now_ns=now_ns, store=folder, named=dict.fromkeys(KINDS)).choices
+    return selected_for_rig(rig, used_by, now_ns=now_ns, store=folder, named=dict.fromkeys(KINDS)).choices
 
 
 def _number(value: float | None) -> str:

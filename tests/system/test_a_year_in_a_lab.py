@@ -10,9 +10,9 @@ import pytest
 
 import rigctl
 from rigctl import cli
-from rigctl.measure.calibrations import picked_for_run
+from rigctl.measure.calibrations import selected_for_run
 from rigctl.measure.frames import CalibrationPaths
-from rigctl.runs.check import used_run
+from rigctl.runs.check import run_to_measure
 from rigctl.runs.records import FrameRecord
 from rigctl.runs.writer import RunWriter
 from rigctl.verbs.axis import axis
@@ -32,7 +32,7 @@ OFFSETS_DEG = (22.5, 22.9, 23.3, 23.7)
 GAINS = (0.25, 0.28, 0.31, 0.34)
 SHAPE, NOISE_SHAPE = (24, 32), (48, 64)
 EXPOSURES_S = (0.0006, 0.002, 0.004, 0.006, 0.008, 0.010)
-STORE = CalibrationPaths(picks=True)
+STORE = CalibrationPaths(uses_store=True)
 
 
 def _utc(days, seconds=0.0):
@@ -131,8 +131,8 @@ def _wanted_noise(day):
 def test_each_run_is_given_the_calibration_that_was_in_force(lab):
     assert len(RUN_DAYS) == 30
     for day in RUN_DAYS:
-        run = used_run(lab / f"run-{day:03d}")
-        found = picked_for_run(STORE, run, ("noise", "polarizer")).as_json()["calibrations"]
+        run = run_to_measure(lab / f"run-{day:03d}")
+        found = selected_for_run(STORE, run, ("noise", "polarizer")).as_json()["calibrations"]
         noise = lab / "calibrations" / _wanted_noise(day)
         assert found["noise"]["file"] == str(noise)
         assert found["noise"]["sha256"].removeprefix("sha256:") == hashlib.sha256(noise.read_bytes()).hexdigest()
@@ -147,12 +147,12 @@ def test_each_run_is_given_the_calibration_that_was_in_force(lab):
 def test_the_old_camera_s_calibrations_are_refused_for_the_new_one(lab):
     day = min(day for day in RUN_DAYS if day >= REPLACED_DAY)
     found = compare_run(lab / f"run-{day:03d}", regions=_regions(lab))
-    picked = found.run.calibrations.picked
-    refused = {file.name: reason for choice in picked.choices for file, reason in choice.others}
+    selected = found.run.calibrations.selected
+    refused = {file.name: reason for choice in selected.choices for file, reason in choice.others}
     assert refused["noise-0.json"] == "camera serial number: calibrated A, used B"
     assert Path(found.files["noise"]["path"]).name == "noise-new.json"
-    assert picked.as_json()["calibrations"]["noise"]["age_days"] < 0.0
-    assert "AFTER the frames" in picked.as_json()["calibrations"]["noise"]["why"]
+    assert selected.as_json()["calibrations"]["noise"]["age_days"] < 0.0
+    assert "AFTER the frames" in selected.as_json()["calibrations"]["noise"]["why"]
 
 
 def _regions(lab):
@@ -166,7 +166,8 @@ def _regions(lab):
 def test_python_picks_as_the_commands_do(lab):
     path = lab / f"run-{RUN_DAYS[2]:03d}"
     found = rigctl.compare(path, regions=_regions(lab))
-    assert found.calibrations == picked_for_run(STORE, used_run(path), ("noise", "polarizer")).as_json()["calibrations"]
+    selected = selected_for_run(STORE, run_to_measure(path), ("noise", "polarizer"))
+    assert found.calibrations == selected.as_json()["calibrations"]
     assert found.calibrations["noise"]["why"].startswith("the newest before the frames, of 3")
     assert "with noise noise-0.json, polarizer axis-0.json" in repr(found)
     assert set(rigctl.stokes(path, noise="none").calibrations) == {"polarizer"}
@@ -183,7 +184,7 @@ def test_python_warns_where_none_of_the_store_fits(lab, caplog):
     assert "no noise calibration: of 5 in the store none fits" in warning.getMessage()
 
 
-def test_another_gain_setting_is_refused_with_its_reason_and_none_is_picked(lab, tmp_path, capsys):
+def test_another_gain_setting_is_refused_with_its_reason_and_none_is_selected(lab, tmp_path, capsys):
     run = _run(lab / "run-gain", 30, 22.5, gain_db=6.0)
     assert cli.main(["stokes", str(run), "--out", str(tmp_path / "out"), "--polarizer", "none", "--json"]) == 0
     said = capsys.readouterr()
@@ -215,7 +216,7 @@ def test_notes_and_exclusions_go_along(lab):
     assert [one.by for one in found.measurement.run.annotations] == ["ann", "bob"]
 
 
-def test_without_a_store_nothing_is_picked(lab):
+def test_without_a_store_nothing_is_selected(lab):
     run = _run(lab.parent / "elsewhere", 30, 22.5)
     found = stokes(run)
-    assert (found.picked.store, "calibrations" in found.as_json()) == (None, False)
+    assert (found.selected.store, "calibrations" in found.as_json()) == (None, False)

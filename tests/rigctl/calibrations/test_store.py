@@ -1,4 +1,4 @@
-"""Picking from a store of calibrations: what fits, what is refused, and what is said of both."""
+"""Selecting from a store of calibrations: what fits, what is refused, and what is said of both."""
 
 import json
 from dataclasses import replace
@@ -12,7 +12,7 @@ from calibration.estimate import control_chart
 from rigctl import cli
 from rigctl.base.numbers import unix_ns, utc_moment
 from rigctl.calibrations.made_for import KINDS, CalibrationKind, MadeFor, made_for, made_for_of_file, require_fit
-from rigctl.calibrations.store import choose, picked_for_scene, read_store, store_doubts
+from rigctl.calibrations.store import choose, read_store, selected_for_scene, store_doubts
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import Take
@@ -50,23 +50,23 @@ def folder(tmp_path):
     return tmp_path / "calibrations"
 
 
-def _picked(folder, used=USED, **options):
+def _selected(folder, used=USED, **options):
     return choose(read_store(folder), "noise", used, **{"require_usable": lambda file: None} | options)
 
 
-def test_the_newest_before_the_frames_is_picked(folder):
+def test_the_newest_before_the_frames_is_selected(folder):
     for day in ("2026-01-10", "2026-05-01", "2026-06-20"):
         write_noise(folder, f"{day}.json", taken=day)
-    found = _picked(folder)
-    assert (found.pick.file.name, found.pick.age_days) == ("2026-05-01.json", 45.0)
-    assert "of 3 of these devices and settings" in found.pick.why
+    found = _selected(folder)
+    assert (found.selection.file.name, found.selection.age_days) == ("2026-05-01.json", 45.0)
+    assert "of 3 of these devices and settings" in found.selection.why
     assert all("fits, and another is nearer" in reason for _, reason in found.others)
 
 
 def test_without_one_before_them_the_nearest_after_is_picked_and_that_is_said(folder):
     write_noise(folder, "late.json", taken="2026-06-20")
     write_noise(folder, "later.json", taken="2026-08-20")
-    found = _picked(folder).pick
+    found = _selected(folder).selection
     assert (found.file.name, found.age_days) == ("late.json", -5.0)
     assert "AFTER the frames" in found.why
 
@@ -82,8 +82,8 @@ def test_without_one_before_them_the_nearest_after_is_picked_and_that_is_said(fo
 )
 def test_what_does_not_fit_is_refused_with_its_reason(folder, facts, said):
     write_noise(folder, "n.json", taken="2026-06-01", **facts)
-    found = _picked(folder)
-    assert found.pick is None
+    found = _selected(folder)
+    assert found.selection is None
     assert said in found.others[0][1]
     assert said in found.line
 
@@ -92,17 +92,17 @@ def test_temperature_and_exposures_of_use_go_before_date(folder):
     write_noise(folder, "warm.json", taken="2026-05-01")
     write_noise(folder, "cold.json", taken="2026-06-10", temperature_c=5.0)
     write_noise(folder, "short.json", taken="2026-06-11", exposure_range_s=(1e-5, 1e-4))
-    assert _picked(folder).pick.file.name == "warm.json"
+    assert _selected(folder).selection.file.name == "warm.json"
     (folder / "warm.json").unlink()
-    assert _picked(folder).pick.file.name == "short.json"
+    assert _selected(folder).selection.file.name == "short.json"
     (folder / "short.json").unlink()
-    assert "25.0 K away" in _picked(folder).pick.why
+    assert "25.0 K away" in _selected(folder).selection.why
 
 
 def test_one_that_states_its_camera_goes_before_one_that_does_not(folder):
     write_noise(folder, "named.json", taken="2026-05-01")
     write_noise(folder, "unnamed.json", taken="2026-06-10", camera_serial=None)
-    assert _picked(folder).pick.file.name == "named.json"
+    assert _selected(folder).selection.file.name == "named.json"
 
 
 def test_one_that_cannot_be_used_after_all_gives_way_to_the_next(folder):
@@ -113,14 +113,14 @@ def test_one_that_cannot_be_used_after_all_gives_way_to_the_next(folder):
         if path.name == "b.json":
             raise DataError(f"{path}: spoilt")
 
-    found = _picked(folder, require_usable=require_usable)
-    assert (found.pick.file.name, found.others[0][1]) == ("a.json", "spoilt")
+    found = _selected(folder, require_usable=require_usable)
+    assert (found.selection.file.name, found.others[0][1]) == ("a.json", "spoilt")
 
 
 def test_frames_without_a_time_take_the_newest(folder):
     for day in ("2026-05-01", "2026-06-20", "2026-01-10"):
         write_noise(folder, f"{day}.json", taken=day)
-    found = _picked(folder, replace(USED, taken_utc=None)).pick
+    found = _selected(folder, replace(USED, taken_utc=None)).selection
     assert (found.file.name, found.age_days) == ("2026-06-20.json", None)
 
 
@@ -160,25 +160,25 @@ def test_plan_warns_of_what_is_missing_and_of_what_expires(folder, tmp_path):
     write_noise(folder, "n.json", taken="2027-06-01")
     (folder / "torn.json").write_text('{"kind": "noise", "gain_dn_per_e": {"val')
     doubts = store_doubts(rig, rig_file, now_ns=now_ns)
-    assert any("is dated 351 days ahead: check the clock" in doubt for doubt in doubts)
+    assert any("has a date 351 days ahead: check both clocks" in doubt for doubt in doubts)
     assert any("calibration not read: " in doubt and "torn.json: this is no JSON file" in doubt for doubt in doubts)
 
 
 def test_of_equal_times_the_last_by_name_is_used_and_that_is_said(folder):
     for name in ("b.json", "a.json", "c.json"):
         write_noise(folder, name, taken="2026-05-01")
-    found = _picked(folder).pick
+    found = _selected(folder).selection
     assert found.file.name == "c.json"
     assert "taken at the same time: b.json, a.json; the last by name is used" in found.why
 
 
-def test_a_damaged_file_of_the_store_is_said_beside_what_is_picked(folder):
+def test_a_damaged_file_of_the_store_is_said_beside_what_is_selected(folder):
     write_noise(folder, "n.json", taken="2026-05-01")
     (folder / "torn.json").write_text('{"kind": "noise", "gain_dn_per_e": {"val')
     (folder / "cut.json").write_text('{"gain_dn_per')
     (folder / "lens.json").write_text('{"kind": "lens"}')
     used = replace(USED, camera_serial=None)
-    found = picked_for_scene(folder.parent / "scene.toml", used, None, None)
+    found = selected_for_scene(folder.parent / "scene.toml", used, None, None)
     assert [line.partition(":")[0] for line in found.lines] == ["noise calibration", *2 * ["calibration not read"]]
     assert [one["file"] for one in found.as_json()["calibrations_not_read"]] == [
         str(folder / name) for name in ("cut.json", "torn.json")

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.trials.damaged_runs import faults, make_run
 from rigctl import cli
 from rigctl.errors import RunFolderError
-from rigctl.runs.check import repair_run, used_run, verify_run
+from rigctl.runs.check import repair_run, run_to_measure, verify_run
 from rigctl.runs.folder import read_frame, read_run
 from rigctl.runs.writer import RunWriter
 from rigctl.session.take import resume_session
@@ -99,7 +99,7 @@ def test_files_of_a_killed_writer_are_left_over_and_not_bad(tmp_path):
 def test_a_frame_file_that_is_not_in_the_manifest_is_reported(run, caplog):
     (run / "frames" / "999999_scene_a000.fits").write_bytes((run / "frames" / "000002_scene_a000.fits").read_bytes())
     with caplog.at_level(logging.WARNING, logger="rigctl"):
-        assert len(used_run(run).frames) == 10
+        assert len(run_to_measure(run).frames) == 10
     assert "999999_scene_a000.fits: 1 files missing from the manifest are not used" in caplog.text
     assert verification_of(run).state == "damaged"
 
@@ -140,7 +140,7 @@ def test_a_session_that_has_finished_is_whole_and_without_its_last_word_unfinish
     assert "UNFINISHED" in capsys.readouterr().out
     # Readers work on it and say so.
     with caplog.at_level(logging.WARNING, logger="rigctl"):
-        assert len(used_run(run).frames) == 10
+        assert len(run_to_measure(run).frames) == 10
     assert "is unfinished" in caplog.text
 
 

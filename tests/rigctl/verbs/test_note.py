@@ -12,7 +12,7 @@ import rigctl
 from rigctl import cli
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.measure.frames import arrange
-from rigctl.runs.check import used_run
+from rigctl.runs.check import run_to_measure
 from rigctl.runs.folder import ANNOTATIONS_FILE, read_annotations
 from rigctl.verbs.note import note
 from rigctl.verbs.stokes import stokes
@@ -104,7 +104,7 @@ def test_include_takes_them_in_again(run):
     _exclude(run, "4,8-11")
     found = _include(run, "4,8-11")
     assert (found.annotation.kind, found.annotation.frames, found.excluded) == ("include", (4, 8, 9, 10, 11), ())
-    assert arrange(used_run(run)).cycles == 3
+    assert arrange(run_to_measure(run)).cycles == 3
 
 
 def test_excluding_a_frame_again_gives_a_remark_and_no_line(run):
@@ -147,7 +147,7 @@ def test_a_reason_is_required(run):
 def test_an_angle_without_frames_gives_a_remark_and_the_rest_is_measured(run):
     found = _exclude(run, "1,5,9")
     assert any("no frame at 45 deg is left" in remark for remark in found.remarks)
-    grid = arrange(used_run(run))
+    grid = arrange(run_to_measure(run))
     assert (grid.angles, grid.cycles) == (3, 3)
     assert any("does not determine S0, S1 and S2" in remark for remark in _exclude(run, "0,4,8").remarks)
 
@@ -160,7 +160,7 @@ def test_a_run_with_all_frames_excluded_gives_a_remark_and_is_refused(run):
 def test_cycles_without_a_number_keep_their_frames_together(tmp_path):
     run = _run(tmp_path / "imported", with_cycle=False)
     _exclude(run, "1")
-    grid = arrange(used_run(run))
+    grid = arrange(run_to_measure(run))
     assert [[record.sequence for record in cycle] for cycle in grid.records] == [[4, 5, 6, 7], [8, 9, 10, 11]]
     assert grid.left_out[-1] == "cycle 0: incomplete, 3 of 4"
 
@@ -216,7 +216,7 @@ def test_a_damaged_line_is_reported_by_verify_and_the_run_is_not_measured(run, c
     assert any(finding.file == ANNOTATIONS_FILE for finding in verification_of(run).bad)
     assert cli.main(["verify", str(run)]) == 4
     with pytest.raises(RunFolderError, match="the excluded frames are not known"):
-        used_run(run)
+        run_to_measure(run)
     assert cli.main(["status", "--contents", str(run), "--ignore-exclusions"]) == 0
     with pytest.raises(RunFolderError, match="annotations"):
         note(run, "more", by="ann")
@@ -225,7 +225,7 @@ def test_a_damaged_line_is_reported_by_verify_and_the_run_is_not_measured(run, c
 def test_a_torn_last_line_was_never_acknowledged(run):
     _exclude(run, "8")
     _spoil(run, lambda data: data + b'{"utc": "2026')
-    assert (verification_of(run).state, len(used_run(run).excluded)) == ("whole", 1)
+    assert (verification_of(run).state, len(run_to_measure(run).excluded)) == ("whole", 1)
     _exclude(run, "9")
     assert [one.frames for one in read_annotations(run)] == [(8,), (9,)]
 
