@@ -1,8 +1,8 @@
-"""Images that other programs or cameras wrote: FITS, PNG, TIFF, camera RAW, and arrays in HDF5 and NetCDF files.
+"""Images that other programs or cameras wrote: FITS, PNG, TIFF, JPEG, camera RAW, and arrays in HDF5 and NetCDF files.
 
-`read_image` returns the samples as unsigned 16 bit counts where these hold them, and in double precision otherwise:
-sums of many reads, means, and counts below 0. An array in a file of many is named by its place in it, as in
-``file.h5:/entry/data``, and a picture of a stack of them by its number, ``file.h5:/entry/data[3]``.
+`read_images` yields the pictures of a file: one, or those of a stack. Samples are unsigned 16 bit counts where these
+hold them, and in double precision otherwise: sums of many reads, means, and counts below 0. An array in a file of many
+is named by its place in it, as in ``file.h5:/entry/data``, and a picture of a stack by its number, ``cube.fits[3]``.
 
 A header may declare more than a machine holds: the size is found before memory is taken. Grey PNG files whose rows are
 stored as they are, which many cameras' programs write, are read at the speed of zlib.
@@ -16,8 +16,9 @@ import re
 import struct
 import warnings
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -65,25 +66,22 @@ def png_bytes(data: bytes) -> tuple[int, int]:
     return width * height * _PNG_CHANNELS.get(colour, 4) * max(1, bits // 8), bits
 
 
-def tiff_bytes(data: bytes) -> int:
-    """Return bytes of all samples of all pictures of a TIFF or BigTIFF file.
+def tiff_bytes(data: bytes) -> tuple[int, bool]:
+    """Return bytes of all samples of a TIFF or BigTIFF file, and whether planes of a picture stand one after another.
 
     Adobe, TIFF revision 6.0, section 2; Aware Systems, The BigTIFF file format proposal.
     """
     try:
-        return sum(_directory_bytes(entries) for entries in _directories(data))
+        directories = list(_directories(data))
     except struct.error as error:
         raise DataError("is damaged: a directory of a TIFF file lies outside of the file") from error
+    is_planar = any(one.get(_SAMPLES, 1) > 1 and one.get(_PLANAR) == _SEPARATE for one in directories)
+    return sum(map(_directory_bytes, directories)), is_planar
 
 
 def _directory_bytes(entries: dict[int, int]) -> int:
     if not entries.get(_WIDTH) or not entries.get(_HEIGHT):
         raise DataError("is damaged: a picture of a TIFF file without width or height")
-    if entries.get(_SAMPLES, 1) > 1 and entries.get(_PLANAR) == _SEPARATE:
-        raise DataError(
-            "is a TIFF file whose pictures or colours are stored one after another: give one file for each picture, "
-            "and write colours pixel by pixel"
-        )
     samples = entries[_WIDTH] * entries[_HEIGHT] * max(1, entries.get(_SAMPLES, 1))
     return samples * max(1, entries.get(_BITS, 8) // 8)
 
@@ -275,15 +273,21 @@ def _chunks(data: bytes) -> list[tuple[bytes, memoryview]]:
 
 
 FirstRow = Literal["top", "bottom"]
-_SUFFIXES = (".png", ".tif", ".tiff", ".fits", ".fit", ".fts", ".fz", ".gz")
+_SUFFIXES = (".png", ".tif", ".tiff", ".fits", ".fit", ".fts", ".fz", ".gz", ".jpg", ".jpeg")
 _COLOURS: tuple[Plane, ...] = ("red", "green", "blue")
 
-# Of the remark on a header's checksum.
+# How remarks begin: on a file of several images, and on a header's checksum.
+FIRST_OF = "the first of"
 STALE = "its CHECKSUM is stale while the DATASUM of its samples holds"
 _GZIP = b"\x1f\x8b"
 _FITS = b"SIMPLE  ="
 _PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG = b"\xff\xd8\xff"
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+LOSSY = (
+    "is compressed with loss and went through a tone curve, so that its counts are not the light: save raw frames as "
+    "PNG, TIFF or FITS (rigctl look shows this one, uncalibrated)"
+)
 # What a file may have beside its samples.
 _MOST_HEADER_BYTES = 10_000_000
 _LARGER = "; --max-frame-mb N says how large a picture may be"
@@ -293,21 +297,24 @@ _ROW_ORDERS: dict[str, FirstRow] = {"TOP-DOWN": "top", "BOTTOM-UP": "bottom"}
 
 @dataclass(frozen=True, kw_only=True)
 class ImageFile:
-    """An image as its file has it."""
+    """A picture as its file has it."""
 
+    path: Path = Path()  #: Its file; of a stack with the number of the picture.
     counts: NDArray[Any]  #: Samples, rows in the order of the file: of 16 bits without sign, or in double precision.
     sample_bits: int  #: Bits that a sample takes in the file; a camera may fill fewer of them.
     first_row: FirstRow  #: Which row comes first, as the file says or as its format has it.
     first_row_stated: bool  #: The file itself says so.
     header: Mapping[str, HeaderValue]  #: Value by keyword; empty where the format has none.
     remarks: tuple[str, ...] = ()  #: What else one has to know of the file.
-    unset: NDArray[np.bool_] | None = (
-        None  #: Samples that are NaN or infinite; their counts are the least of the others.
-    )
+    #: Samples that are NaN or infinite; their counts are the least of the others.
+    unset: NDArray[np.bool_] | None = None
+    is_lossy: bool = False  #: It was compressed with loss, and its samples went through a tone curve.
 
     @property
     def raw_counts(self) -> NDArray[np.uint16]:
         """The samples of one read of a camera; DataError if they are sums, means, below 0, or no numbers."""
+        if self.is_lossy:
+            raise DataError(LOSSY)
         if self.unset is not None:
             raise DataError(f"{np.count_nonzero(self.unset)} samples are NaN or infinite")
         if self.counts.dtype == np.uint16:
@@ -329,37 +336,48 @@ class ImageReading:
 
 
 def read_image(path: Path, *, plane: Plane | None = None, most_bytes: int = MOST_FRAME_BYTES) -> ImageFile:
-    """Return the image of a file."""
+    """Return the only picture of a file."""
+    pictures = read_images(path, plane=plane, most_bytes=most_bytes)
+    first = next(pictures)
+    if next(pictures, None) is not None:
+        raise DataError("holds several pictures; give one file for each")
+    return first
+
+
+def read_images(path: Path, *, plane: Plane | None = None, most_bytes: int = MOST_FRAME_BYTES) -> Iterator[ImageFile]:
+    """Yield the pictures of a file: one, or those of a stack in their order, which are named by their number."""
     if path.suffix.lower() in RAW_SUFFIXES:
-        return _read_raw(path, plane, most_bytes)
-    if place := _ARRAY.fullmatch(str(path)):
-        return _read_array(Path(place["file"]), place["inside"], int(place["number"] or 0), most_bytes)
+        yield replace(_read_raw(path, plane, most_bytes), path=path)
+        return
+    if path.suffix.lower() in _ARRAY_SUFFIXES or _ARRAY.fullmatch(str(path)):
+        yield from _read_arrays(path, most_bytes)
+        return
     try:
         data = read_bounded(path, most_bytes + _MOST_HEADER_BYTES)
     except OSError as error:
         raise DataError(f"cannot be read: {error.strerror}{_LARGER if error.errno == errno.EFBIG else ''}") from error
     if data.startswith(_GZIP):
         data = _uncompressed(data, most_bytes + _MOST_HEADER_BYTES)
+    pictures = _pictures(data, plane, most_bytes)
+    for number, picture in enumerate(pictures):
+        yield replace(picture, path=Path(f"{path}[{number}]") if len(pictures) > 1 else path)
+
+
+def _pictures(data: bytes, plane: Plane | None, most_bytes: int) -> Sequence[ImageFile]:
     if data.startswith(_FITS):
         return _read_fits(data, plane, most_bytes)
     if data.startswith(_PNG):
-        return _read_png(data, plane, most_bytes)
+        return [_read_png(data, plane, most_bytes)]
     if data.startswith(_TIFF):
         return _read_tiff(data, plane, most_bytes)
-    raise DataError("is not a FITS, PNG, TIFF or RAW image; convert other formats without loss first")
+    if data.startswith(_JPEG):
+        return [replace(_plain_image(_decoded(data)[0], plane), is_lossy=True)]
+    raise DataError("is not a FITS, PNG, TIFF, JPEG or RAW image; convert other formats without loss first")
 
 
 def image_files(given: Sequence[Path]) -> list[Path]:
-    """Return the images: those that are named, all of a folder, and each picture of a stack in an HDF5 file."""
-    found: list[Path] = []
-    for path in given:
-        if path.is_dir():
-            found += _images_in(path)
-        elif path.suffix.lower() in _ARRAY_SUFFIXES or _ARRAY.fullmatch(str(path)):
-            found += _pictures_of(path)
-        else:
-            found.append(path)
-    return found
+    """Return the files with images: those that are named, and all of a folder."""
+    return [file for path in given for file in (_images_in(path) if path.is_dir() else [path])]
 
 
 def name_of(path: Path) -> str:
@@ -371,7 +389,7 @@ def name_of(path: Path) -> str:
 def _images_in(folder: Path) -> list[Path]:
     if (folder / "manifest.jsonl").exists():
         raise ConfigError(f"{folder}: is a run: rigctl stokes {folder} --out FOLDER measures it")
-    known = (*_SUFFIXES, *RAW_SUFFIXES)
+    known = (*_SUFFIXES, *_ARRAY_SUFFIXES, *RAW_SUFFIXES)
     found = [path for path in folder.iterdir() if path.suffix.lower() in known and not path.name.startswith(".")]
     if not found:
         raise ConfigError(f"{folder}: holds no image (known are {', '.join(known)})")
@@ -414,16 +432,34 @@ def _read_png(data: bytes, plane: Plane | None, most_bytes: int) -> ImageFile:
     return _plain_image(_decoded(data)[0] if plain is None else plain, plane)
 
 
-def _read_tiff(data: bytes, plane: Plane | None, most_bytes: int) -> ImageFile:
-    require_size(tiff_bytes(data), most_bytes)
-    pages = _decoded(data)
-    if len(pages) > 1:
-        raise DataError(f"holds {len(pages)} pictures; give one file for each")
-    return _plain_image(pages[0], plane)
+def _read_tiff(data: bytes, plane: Plane | None, most_bytes: int) -> list[ImageFile]:
+    sample_bytes, is_planar = tiff_bytes(data)
+    require_size(sample_bytes, most_bytes)
+    if not is_planar:
+        return [_plain_image(page, plane) for page in _decoded(data)]
+    try:  # OpenCV gives other samples where planes stand one after another
+        import tifffile
+    except ImportError as error:
+        raise ConfigError("TIFF files with separate planes need tifffile: pip install 'rigctl[export]'") from error
+    try:
+        with tifffile.TiffFile(io.BytesIO(data)) as file:
+            planes = np.concatenate([page.asarray() for page in file.pages])
+            are_colours = len(file.pages) == 1 and file.pages.first.photometric == tifffile.PHOTOMETRIC.RGB
+    except Exception as error:  # whatever tifffile trips over in a file that is spoilt or compressed in another way
+        raise DataError(f"is no TIFF file that can be read: {error}") from error
+    return _stack(planes, plane, are_colours=are_colours)
+
+
+def _stack(pixels: NDArray[Any], plane: Plane | None, *, are_colours: bool = False, **facts: Any) -> list[ImageFile]:
+    """Return the planes of an array as pictures of their own, or the colour of one that is asked for."""
+    if pixels.ndim > 3 and set(pixels.shape[:-3]) == {1}:
+        pixels = pixels.reshape(pixels.shape[-3:])
+    is_one = pixels.ndim != 3 or (len(pixels) == len(_COLOURS) and (are_colours or plane is not None))
+    return [_image(_grey(one, plane), plane=plane, **facts) for one in ([pixels] if is_one else pixels)]
 
 
 def _decoded(data: bytes) -> Sequence[NDArray[Any] | None]:
-    """Return the pictures of a PNG or TIFF file; one that is None where it cannot be read."""
+    """Return the pictures of a PNG, TIFF or JPEG file; one that is None where it cannot be read."""
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # not on each odd tag of a TIFF file
     try:
         _, pages = cv2.imdecodemulti(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -434,11 +470,11 @@ def _decoded(data: bytes) -> Sequence[NDArray[Any] | None]:
 
 def _plain_image(pixels: NDArray[Any] | None, plane: Plane | None) -> ImageFile:
     if pixels is None:
-        raise DataError("is damaged, or of a kind of PNG or TIFF that cannot be read")
+        raise DataError("is damaged, or of a kind of PNG, TIFF or JPEG that cannot be read")
     # Colours stand in the order blue, green, red, and opacity.
     colours = None if pixels.ndim == 2 else np.moveaxis(pixels, 2, 0)[2::-1]
     grey = _grey(pixels if colours is None else colours, plane)
-    return _image(grey, first_row="top", plane=plane)
+    return _image(grey, plane=plane)
 
 
 def _grey(pixels: NDArray[Any], plane: Plane | None) -> NDArray[Any]:
@@ -447,8 +483,8 @@ def _grey(pixels: NDArray[Any], plane: Plane | None) -> NDArray[Any]:
         if plane is not None:
             raise ConfigError(f"--plane {plane}: is for colour images and RAW files, and this image is grey")
         return pixels
-    if len(pixels) != 3 or pixels.ndim != 3:
-        raise DataError(f"has axes of {' x '.join(map(str, pixels.shape))}; give one file for each picture")
+    if len(pixels) != len(_COLOURS) or pixels.ndim != 3:
+        raise DataError(f"has axes of {' x '.join(map(str, pixels.shape))}; pictures and stacks of them have 2 or 3")
     if plane is None and np.array_equal(pixels[0], pixels[1]) and np.array_equal(pixels[0], pixels[2]):
         return np.asarray(pixels[0])
     if plane not in _COLOURS:
@@ -462,7 +498,7 @@ def _grey(pixels: NDArray[Any], plane: Plane | None) -> NDArray[Any]:
 def _image(
     pixels: NDArray[Any],
     *,
-    first_row: FirstRow,
+    first_row: FirstRow = "top",
     is_stated: bool = False,
     header: Mapping[str, HeaderValue] | None = None,
     remarks: tuple[str, ...] = (),
@@ -498,22 +534,25 @@ def _counts(pixels: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_] | Non
     return np.ascontiguousarray(pixels, dtype=np.float64), unset
 
 
-def _read_fits(data: bytes, plane: Plane | None, most_bytes: int) -> ImageFile:
+def _read_fits(data: bytes, plane: Plane | None, most_bytes: int) -> list[ImageFile]:
     header, pixels, images, is_stale = _first_fits_image(data, most_bytes)
     stated = str(header.get("ROWORDER", "")).strip().upper()
     if stated and stated not in _ROW_ORDERS:
         raise DataError(f"ROWORDER is {stated!r}; known are {', '.join(_ROW_ORDERS)}")
-    return _image(
-        _grey(pixels[0] if pixels.ndim == 3 and len(pixels) == 1 else pixels, plane),
+    pictures = _stack(
+        pixels,
+        plane,
         first_row=_ROW_ORDERS.get(stated, "bottom"),
         is_stated=bool(stated),
         header=header,
         remarks=(
-            *((f"the first of {images} images of its file",) if images > 1 else ()),
+            *((f"{FIRST_OF} {images} images of its file",) if images > 1 else ()),
             *((f"{STALE}: header keywords were changed after it was written",) if is_stale else ()),
         ),
-        plane=plane,
     )
+    # The header of a cube has the time of its first picture.
+    later = {key: value for key, value in header.items() if key != "DATE-OBS"}
+    return [replace(one, header=later) if number else one for number, one in enumerate(pictures)]
 
 
 def _first_fits_image(data: bytes, most_bytes: int) -> tuple[dict[str, HeaderValue], NDArray[Any], int, bool]:
@@ -565,54 +604,44 @@ _ARRAY = re.compile(
 _CLASSIC_NETCDF = (b"CDF\x01", b"CDF\x02")
 
 
-def _pictures_of(path: Path) -> list[Path]:
-    """Return the pictures of an array of two or three axes, by name; the only one of the file need not be named."""
+def _read_arrays(path: Path, most_bytes: int) -> Iterator[ImageFile]:
+    """Yield the pictures of an array of two or three axes; the only one of a file need not be named.
+
+    Their header are attributes, and numbers of arrays with one for each picture.
+    """
     place = _ARRAY.fullmatch(str(path))
-    file = path if place is None else Path(place["file"])
-    try:
-        arrays = _with_arrays(file, lambda arrays, _: {name: one.shape for name, one in arrays.items()})
-    except DataError as error:
-        raise DataError(f"{path}: {error}") from error
-    pictures = {name: shape for name, shape in arrays.items() if len(shape) in (2, 3)}
-    inside = next(iter(pictures), "") if place is None and len(pictures) == 1 else place["inside"] if place else ""
-    shape = pictures.get(f"/{inside.strip('/')}")
-    if shape is None:
-        there = ", ".join(f"{name} ({' x '.join(map(str, one))})" for name, one in list(pictures.items())[:6])
-        raise ConfigError(f"{path}: say which array, as in {file}:/entry/data; there are {there or 'no pictures'}")
-    if len(shape) == 2 or (place is not None and place["number"] is not None):
-        return [Path(f"{file}:{inside}") if place is None else path]
-    return [Path(f"{file}:{inside}[{number}]") for number in range(shape[0])]
-
-
-def _read_array(file: Path, inside: str, number: int, most_bytes: int) -> ImageFile:
-    """Return a picture of an array; its header are attributes, and numbers of arrays with one for each picture."""
-
-    def read(arrays: Mapping[str, Any], facts: Mapping[str, Any]) -> ImageFile:
+    file, asked = (path, None) if place is None else (Path(place["file"]), place["number"])
+    with _arrays_of(file) as (arrays, facts):
+        pictures = {name: one.shape for name, one in arrays.items() if len(one.shape) in (2, 3)}
+        inside = place["inside"] if place else next(iter(pictures), "") if len(pictures) == 1 else ""
         one = arrays.get(f"/{inside.strip('/')}")
         if one is None or len(one.shape) not in (2, 3):
-            raise DataError(f"has no array of two or three axes at {inside}")
+            there = ", ".join(f"{name} ({' x '.join(map(str, shape))})" for name, shape in list(pictures.items())[:6])
+            raise ConfigError(f"say which array, as in {file}:/entry/data; there are {there or 'no pictures'}")
         require_size(math.prod(one.shape[-2:]) * np.asarray(one[:0]).itemsize, most_bytes)
-        is_stack = len(one.shape) == 3
-        if number >= (one.shape[0] if is_stack else 1):
-            raise DataError(f"{inside} holds {one.shape[0] if is_stack else 1} pictures")
-        pixels = np.asarray(one[number] if is_stack else one[:])
-        own = _attributes(one)
-        # The convention of NetCDF for packed numbers, Climate and Forecast conventions, section 8.1.
-        if "scale_factor" in own or "add_offset" in own:
-            pixels = pixels * float(own.get("scale_factor", 1.0)) + float(own.get("add_offset", 0.0))
-        beside = {
-            name.rpartition("/")[2]: other[number]
-            for name, other in arrays.items()
-            if is_stack and other.shape == one.shape[:1]
-        }
-        return _image(pixels, first_row="top", header=_plain_values({**facts, **own, **beside}))
+        is_stack, own = len(one.shape) == 3, _attributes(one)
+        numbers = range(one.shape[0]) if is_stack else range(1)
+        if asked is not None and int(asked) not in numbers:
+            raise DataError(f"{inside} holds {len(numbers)} pictures, from [0]")
+        if not numbers:
+            raise DataError(f"{inside} holds no picture")
+        for number in numbers if asked is None else [int(asked)]:
+            pixels = np.asarray(one[number] if is_stack else one[:])
+            # The convention of NetCDF for packed numbers, Climate and Forecast conventions, section 8.1.
+            if "scale_factor" in own or "add_offset" in own:
+                pixels = pixels * float(own.get("scale_factor", 1.0)) + float(own.get("add_offset", 0.0))
+            beside = {
+                name.rpartition("/")[2]: other[number]
+                for name, other in arrays.items()
+                if is_stack and other.shape == one.shape[:1]
+            }
+            picture = _image(pixels, header=_plain_values({**facts, **own, **beside}))
+            yield replace(picture, path=Path(f"{file}:{inside}[{number}]" if is_stack else f"{file}:{inside}"))
 
-    image: ImageFile = _with_arrays(file, read)
-    return image
 
-
-def _with_arrays(file: Path, use: Callable[[Mapping[str, Any], Mapping[str, Any]], Any]) -> Any:
-    """Return what a function makes of the arrays of a file, by their places in it, and of the file's attributes."""
+@contextmanager
+def _arrays_of(file: Path) -> Iterator[tuple[Mapping[str, Any], Mapping[str, Any]]]:
+    """Give the arrays of a file, by their places in it, and the file's attributes."""
     try:
         with open_plain(file) as start:
             is_classic = start.read(4) in _CLASSIC_NETCDF
@@ -620,15 +649,16 @@ def _with_arrays(file: Path, use: Callable[[Mapping[str, Any], Mapping[str, Any]
             from scipy.io import netcdf_file
 
             with netcdf_file(file, mmap=False) as classic:
-                return use({f"/{name}": one for name, one in classic.variables.items()}, _attributes(classic))
+                yield {f"/{name}": one for name, one in classic.variables.items()}, _attributes(classic)
+            return
         try:
             import h5py
         except ImportError as error:
-            raise ConfigError(f"{file}: arrays in HDF5 files need h5py: pip install 'rigctl[export]'") from error
+            raise ConfigError("arrays in HDF5 files need h5py: pip install 'rigctl[export]'") from error
         with h5py.File(file) as held:
             arrays: dict[str, Any] = {}
             held.visititems(lambda name, one: arrays.update({f"/{name}": one} if isinstance(one, h5py.Dataset) else {}))
-            return use(arrays, _attributes(held))
+            yield arrays, _attributes(held)
     except (OSError, RuntimeError, TypeError, ValueError) as error:
         raise DataError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
 

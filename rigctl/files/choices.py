@@ -1,8 +1,23 @@
 """Choices in options and files. Nothing heavy is imported here, so that help is fast."""
 
+from collections.abc import Sequence
 from enum import StrEnum
-from typing import Literal, get_args
+from typing import Annotated, Any, Literal, TypeAlias, get_args
 
+from cyclopts import Parameter, Token, convert
+from cyclopts.validators import Number
+
+
+def _words(kind: type, tokens: Sequence[Token]) -> Any:
+    texts = [word.strip() for token in tokens for word in token.value.split(",")]
+    return convert(kind, [tokens[0].evolve(value=word) for word in texts])
+
+
+#: Several words in one option, separated by commas.
+COMMA_SEPARATED = Parameter(converter=_words, n_tokens=1, allow_leading_hyphen=True)
+
+#: Largest picture that is read [MB of samples].
+MaxFrameMb: TypeAlias = Annotated[int, Parameter(validator=Number(gte=1, lte=100_000))]
 # Object before the camera.
 FrameKind = Literal["scene", "dark", "flat"]
 FRAME_KINDS: tuple[FrameKind, ...] = get_args(FrameKind)

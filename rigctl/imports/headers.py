@@ -8,11 +8,13 @@ import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from math import isfinite
+from pathlib import Path
 from typing import Any
 
 from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
-from rigctl.images import HeaderValue
+from rigctl.files.csv_table import csv_rows
+from rigctl.images import HeaderValue, name_of
 
 Header = Mapping[str, HeaderValue]
 
@@ -141,8 +143,83 @@ def key_of_all(keys: Sequence[str], headers: Sequence[Header]) -> str | None:
     return None
 
 
-def angles_of(names: Sequence[str], headers: Sequence[Header]) -> tuple[tuple[float, ...], str]:
-    """Return the angle of each file by its header or its name [deg], and by which; ConfigError if neither says."""
+_ANGLE = re.compile(r"([-+]?[0-9]*\.?[0-9]+)\s*(?:deg|degrees?|°)?", re.IGNORECASE)
+
+
+def stated_angles(
+    option: str,
+    stated: Sequence[float | str],
+    pictures: Sequence[tuple[int, Path, Header]],
+    *,
+    files: int,
+    is_whole: bool = True,
+) -> tuple[float, ...]:
+    """Return the angle of each picture by what an option states: numbers, a header keyword, or a CSV table [deg].
+
+    A picture is the number of its file, its name, and its header. Numbers are one for each file, or for each picture if
+    all files could be read (`is_whole`).
+    """
+    words = [one for one in stated if isinstance(one, str)]
+    if len(stated) == 1 and words:
+        if words[0].lower().endswith(".csv"):
+            return _angles_of_table(Path(words[0]), option, [path for _, path, _ in pictures])
+        return tuple(_angle_of_header(header, option, words[0], path) for _, path, header in pictures)
+    if words:
+        raise ConfigError(f"{option}: {words[0]!r} is no number of degrees")
+    angles = [float(one) for one in stated]
+    if not all(map(isfinite, angles)):
+        raise ConfigError(f"{option}: every angle must be a finite number of degrees")
+    if len(angles) == files:
+        return tuple(angles[number] for number, _, _ in pictures)
+    if is_whole and len(angles) == len(pictures):
+        return tuple(angles)
+    if is_whole and len(pictures) > files:
+        raise ConfigError(
+            f"{option}: {len(angles)} angles for {files} files of {len(pictures)} pictures; give one for each file, or "
+            "for each picture"
+        )
+    raise ConfigError(f"{option}: {len(angles)} angles for {files} files; give one for each file")
+
+
+def _angle_of_header(header: Header, option: str, key: str, path: Path) -> float:
+    try:
+        text = str(value_of(header, option, key)).strip()
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    match = _ANGLE.fullmatch(text)
+    if match is None:
+        raise ConfigError(f"{path}: {option} {key}: {text!r} is no angle in degrees; say --angles or --stage-angles")
+    return float(match[1])
+
+
+def value_of(header: Header, option: str, key: str) -> HeaderValue:
+    """Return the value of a keyword that an option names; ConfigError if the header lacks it."""
+    if key.upper() not in header:
+        has = f"its header has {', '.join(sorted(filter(None, header)))}" if header else "it has no header"
+        raise ConfigError(f"{option} {key}: not in this file; {has}")
+    return header[key.upper()]
+
+
+def _angles_of_table(table: Path, option: str, paths: Sequence[Path]) -> tuple[float, ...]:
+    """Return the angles of pictures by the names of their files in a table, those of stacks with or without number."""
+    column = f"{option.removeprefix('--').removesuffix('s').replace('-', '_')}_deg"
+    try:
+        found = {name_of(Path(str(row["file"]).strip())): float(row[column] or "") for row in csv_rows(table)}
+    except (KeyError, ValueError) as error:
+        raise ConfigError(f"{table}: needs the columns file and {column}, a number of degrees ({error})") from error
+    if not found or not all(map(isfinite, found.values())):
+        raise ConfigError(f"{table}: has to have a row with a finite angle for each file")
+    names = [name_of(path) for path in paths]
+    rows = [name if name in found else name.rpartition("[")[0] for name in names]
+    without = [name for name, row in zip(names, rows, strict=True) if row not in found]
+    if without:
+        raise ConfigError(f"{option} {table}: has no row for the file {', '.join(without[:3])}")
+    return tuple(found[row] for row in rows)
+
+
+def angles_of(pictures: Sequence[tuple[Path, Header]]) -> tuple[tuple[float, ...], str]:
+    """Return the angle of each picture by its header or its name [deg], and by which; ConfigError if neither says."""
+    names, headers = [name_of(path) for path, _ in pictures], [header for _, header in pictures]
     for key in ANGLE_KEYS:
         values = [_angle_text(header, key) for header in headers]
         if all(values):

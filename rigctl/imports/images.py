@@ -1,10 +1,10 @@
 """Images that other programs wrote, on their way to the frames of a run.
 
-`ImportRequest` is what the user states. `import_images` reads every file once for what it tells: size, header,
-histogram, and a constant border that resampling or a mask left. All of them together decide what a count means
+`import_images` reads every picture once for what it tells: size, header, histogram, and a constant border that
+resampling or a mask left. Together with what the user states (`ImportOptions`) they decide what a count means
 (`find_scale`): how many bits, at which end of a sample, from where on saturated, which pixels are missing. Nothing is
-written before every problem is known. Then each file becomes frames: upright, cut into the channels of a mosaic, with
-its bits in place.
+written before every problem is known. Then each picture becomes frames: upright, cut into the channels of a mosaic,
+with its bits in place.
 
 A frame of a run has the counts of one read of the camera. A sum of n reads is divided by n, and kept in single
 precision as means with fractions and counts below 0 are: its noise has 1/n of the variance of one read.
@@ -13,7 +13,7 @@ precision as means with fractions and counts below 0 are: its noise has 1/n of t
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from math import ceil, isfinite
 from pathlib import Path
@@ -23,14 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
-from drivers.cameras.raw_planes import Plane
 from model.processing.jpeg_traces import jpeg_traces
-from rigctl.base.durable import MOST_FRAME_BYTES, flush_folder
+from rigctl.base.durable import MOST_FRAME_MB, flush_folder
 from rigctl.base.numbers import is_utc_text
 from rigctl.errors import ConfigError, DataError, RunFolderError
 from rigctl.files.choices import FrameKind
-from rigctl.files.csv_table import csv_rows
-from rigctl.images import FLIP, STALE, FirstRow, HeaderValue, ImageFile, name_of, read_image, unlike_settings
+from rigctl.images import FIRST_OF, FLIP, LOSSY, STALE, FirstRow, ImageFile, name_of, read_images, unlike_settings
 from rigctl.imports import headers
 from rigctl.imports.levels import (
     LEVELS,
@@ -41,49 +39,20 @@ from rigctl.imports.levels import (
     odd_pattern,
     saturation_plateau,
 )
+from rigctl.imports.options import ImportOptions
 from rigctl.runs.folder import Run, read_run
 from rigctl.runs.records import FrameRecord
 from rigctl.runs.writer import RunWriter
 
 _ORIGIN = "import"
+_BYTES_PER_MB = 1_000_000
 _CLIPPED_SHARE = 1e-3  # of the pixels of a file, beyond which it is reported
 _JPEG = "blocks of 8 x 8 pixels show that JPEG was at work, which changes counts: noise and edges are not the camera's"
 
 
-Justified = Literal["left", "right"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImportRequest:
-    """What the options of `rigctl import` state of images; None is not stated."""
-
-    run: Path
-    files: tuple[Path, ...]  #: in the order in which they were taken
-    kind: FrameKind | None = None  #: None: as headers and names say, or scene
-    angles_deg: tuple[float | str, ...] | None = None  #: one for each file [deg], a header keyword, or a CSV table
-    angle_key: str | None = None
-    stage_angles: tuple[float | str, ...] | None = None  #: likewise
-    mosaic_deg: tuple[float, ...] | None = None  #: of the cell of 2 x 2 pixels at the top left, row by row
-    exposure_s: float | None = None
-    exposure_key: str | None = None
-    same_exposure: bool = False
-    black_level_dn: float | None = None
-    black_level_key: str | None = None
-    black_level_from_darks: bool = False
-    bit_depth: int | None = None
-    coadds: int | None = None  #: each file is the sum of so many reads
-    averaged: int | None = None  #: each file is the mean of so many reads
-    justified: Justified | None = None
-    saturation_dn: float | None = None
-    missing_dn: float | None = None
-    none_missing: bool = False
-    no_border_search: bool = False
-    first_row: FirstRow | None = None
-    plane: Plane | None = None
-    most_bytes: int = MOST_FRAME_BYTES
-
-
-def import_images(request: ImportRequest) -> tuple[tuple[FrameRecord, ...], tuple[str, ...], tuple[float, float]]:
+def import_images(
+    run: Path, files: Sequence[Path], options: ImportOptions
+) -> tuple[tuple[FrameRecord, ...], tuple[str, ...], tuple[float, float]]:
     """Make a run of images, or add them to one that was imported.
 
     Returns
@@ -99,24 +68,24 @@ def import_images(request: ImportRequest) -> tuple[tuple[FrameRecord, ...], tupl
     DataError
         The files are unfit, or contradict what is stated: one message with every problem.
     """
-    present = _present_run(request.run)
-    images, scale, remarks = _surveyed(request, present)
+    present = _present_run(run)
+    images, scale, remarks = _surveyed(files, options, present)
     if present is None:
-        frames = _write_new(request, images, scale)
+        frames = _write_new(run, files, options, images, scale)
     else:
-        with RunWriter.append(request.run) as writer:
-            frames = _write(writer, request, images, scale, present.frames)
-    said = (*remarks, *scale.remarks, *_file_remarks(images, scale), *axis_remarks(request, frames))
+        with RunWriter.append(run) as writer:
+            frames = _write(writer, files, options, images, scale, present.frames)
+    said = (*remarks, *scale.remarks, *_file_remarks(images, scale), *axis_remarks(options, frames))
     return frames, said, _clipped_shares(images, scale, frames)
 
 
-def axis_remarks(request: ImportRequest, frames: Sequence[FrameRecord]) -> tuple[str, ...]:
+def axis_remarks(options: ImportOptions, frames: Sequence[FrameRecord]) -> tuple[str, ...]:
     """Return that scene frames have fewer than three different axes; nothing where they have enough."""
     scenes = [frame for frame in frames if frame.kind == "scene"]
     axes = {axis_deg(frame.polarizer_angle_deg) for frame in scenes if frame.polarizer_angle_deg is not None}
     if not scenes or len(axes) >= 3:
         return ()
-    if not axes and request.stage_angles is not None:
+    if not axes and options.get("stage_angles") is not None:
         return ("stage angles only: `rigctl calibrate axis` takes these frames, Stokes parameters need the axis",)
     return (f"{len(axes)} different axes only: Stokes parameters need three or more, modulo 180 degrees",)
 
@@ -130,38 +99,43 @@ def _present_run(path: Path) -> Run | None:
     return run
 
 
-def _surveyed(request: ImportRequest, present: Run | None) -> tuple[list["SurveyedImage"], "Scale", list[str]]:
-    """Return every file as far as it tells, what counts mean, and what headers and names say."""
+def _surveyed(
+    files: Sequence[Path], options: ImportOptions, present: Run | None
+) -> tuple[list["SurveyedImage"], "Scale", list[str]]:
+    """Return every picture as far as it tells, what counts mean, and what headers and names say."""
     images: list[SurveyedImage] = []
     unsaid: list[str] = []
     unfit: list[str] = []
-    tables = {
-        "--angles": _angle_table(request.angles_deg, "angle_deg"),
-        "--stage-angles": _angle_table(request.stage_angles, "stage_angle_deg"),
-    }
-    for index, path in enumerate(request.files):
+    for number, path in enumerate(files):
         try:
-            image = read_image(path, plane=request.plane, most_bytes=request.most_bytes)
-            images.append(_survey(request, index, image, tables))
+            images += [_survey(options, number, image) for image in _read(path, options)]
         except DataError as error:
             unfit.append(f"{path}: {error}")
         except ConfigError as error:
             unsaid.append(f"{path}: {error}")
-    unfit += _size_problems(request, images)
-    stack = [(image.path, image.header) for image in images if FLIP in image.header]
-    unfit += unlike_settings(stack, same_exposure=request.same_exposure)
+    is_whole = not unfit and not unsaid
+    unfit += _size_problems(options, images)
+    stack = [(image.file.path, image.file.header) for image in images if FLIP in image.file.header]
+    unfit += unlike_settings(stack, same_exposure=options.get("same_exposure", False))
     remarks: list[str] = []
     try:
-        images = _by_headers(request, images, remarks)
+        images = _at_angles(files, options, images, remarks, is_whole=is_whole)
     except ConfigError as error:
         unsaid.append(str(error))
+    images = _by_headers(options, images, remarks)
     has_darks = present is not None and any(record.kind == "dark" for record in present.frames)
-    unsaid = [*_request_problems(request, images, darks_are_there=has_darks), *unsaid]
+    unsaid = [
+        *_angle_problems(options),
+        *_exposure_problems(files, options, images),
+        *_black_level_problems(options, images, darks_are_there=has_darks),
+        *_range_problems(options),
+        *unsaid,
+    ]
     scale: Scale | None = None
     if images:
         try:
-            scale = _scale_beside(present, request, images)
-            unfit += _contradictions(request, images[0], scale, present)
+            scale = _scale_beside(present, options, images)
+            unfit += _contradictions(options, images[0], scale, present)
         except ConfigError as error:
             unsaid.append(str(error))
         except DataError as error:
@@ -174,30 +148,38 @@ def _surveyed(request: ImportRequest, present: Run | None) -> tuple[list["Survey
     return images, scale, remarks
 
 
-def _scale_beside(present: Run | None, request: ImportRequest, images: Sequence["SurveyedImage"]) -> "Scale":
+def _read(path: Path, options: ImportOptions) -> Iterator[ImageFile]:
+    most_bytes = options.get("max_frame_mb", MOST_FRAME_MB) * _BYTES_PER_MB
+    for image in read_images(path, plane=options.get("plane"), most_bytes=most_bytes):
+        if image.is_lossy:
+            raise DataError(LOSSY)
+        yield image
+
+
+def _scale_beside(present: Run | None, options: ImportOptions, images: Sequence["SurveyedImage"]) -> "Scale":
     """Return what counts mean; the frames of one run come from one camera, with as many bits."""
-    if request.bit_depth is not None or present is None or not present.frames:
-        return find_scale(request, images)
+    if options.get("bit_depth") is not None or present is None or not present.frames:
+        return find_scale(options, images)
     depth = present.frames[0].bit_depth
-    scale = find_scale(replace(request, bit_depth=depth), images)
+    scale = find_scale({**options, "bit_depth": depth}, images)
     return replace(scale, remarks=(f"{depth} bits, as the other frames of this run", *scale.remarks))
 
 
 def _contradictions(
-    request: ImportRequest, image: "SurveyedImage", scale: "Scale", present: Run | None
+    options: ImportOptions, image: "SurveyedImage", scale: "Scale", present: Run | None
 ) -> Iterator[str]:
     if present is None or not present.frames:
         return
-    cells = 1 if request.mosaic_deg is None else 2
+    cells = 1 if options.get("mosaic") is None else 2
     height, width = image.shape[0] // cells, image.shape[1] // cells
     record = present.frames[0]
     if (record.height, record.width) != (height, width):
         yield (
-            f"frames of {width} x {height} pixels do not fit {request.run}, whose frames have "
+            f"frames of {width} x {height} pixels do not fit {present.path}, whose frames have "
             f"{record.width} x {record.height}"
         )
     if record.bit_depth != scale.bit_depth:
-        yield f"--bit-depth {scale.bit_depth}: the frames of {request.run} have {record.bit_depth}"
+        yield f"--bit-depth {scale.bit_depth}: the frames of {present.path} have {record.bit_depth}"
 
 
 def _clipped_shares(
@@ -213,83 +195,83 @@ def _clipped_shares(
 
 def _file_remarks(images: Sequence["SurveyedImage"], scale: "Scale") -> Iterator[str]:
     """Yield what was recognised in single files, and in how many."""
+    for file, number in Counter(image.number for image in images).items():
+        if number > 1:
+            path = next(image.file.path for image in images if image.number == file)
+            colours = "; if they are colours, say --plane red, green or blue" if number == 3 else ""
+            yield f"{name_of(path).rpartition('[')[0]} holds {number} pictures, each a frame{colours}"
     saturated = ceil(scale.saturation_dn * (1 << scale.shift_bits))
     shares = {
-        name_of(image.path): float(image.levels[saturated:].sum() / max(image.levels.sum(), 1)) for image in images
+        name_of(image.file.path): float(image.levels[saturated:].sum() / max(image.levels.sum(), 1)) for image in images
     }
     clipped = [f"{share:.2%} of {name}" for name, share in shares.items() if share > _CLIPPED_SHARE]
     if clipped:
         yield f"saturated pixels, where nothing is measured: {', '.join(clipped)}"
-    odd = {name_of(image.path): text for image in images if (text := odd_pattern(image.levels))}
+    odd = {name_of(image.file.path): text for image in images if (text := odd_pattern(image.levels))}
     if odd:
         yield f"odd bits in {len(odd)} of {len(images)} files ({', '.join(odd)}): {next(iter(odd.values()))}"
-    coded = [name_of(image.path) for image in images if image.is_jpeg]
+    coded = [name_of(image.file.path) for image in images if image.is_jpeg]
     if coded:
         yield f"{len(coded)} of {len(images)} files ({', '.join(coded)}): {_JPEG}"
-    yield from dict.fromkeys(remark for image in images for remark in image.remarks if STALE in remark)
+    yield from dict.fromkeys(remark for image in images for remark in image.file.remarks if _is_doubt(remark))
 
 
-def _write_new(request: ImportRequest, images: Sequence["SurveyedImage"], scale: "Scale") -> tuple[FrameRecord, ...]:
-    parent = request.run.absolute().parent
+def _is_doubt(remark: str) -> bool:
+    return remark.startswith((STALE, FIRST_OF))
+
+
+def _write_new(
+    run: Path, files: Sequence[Path], options: ImportOptions, images: Sequence["SurveyedImage"], scale: "Scale"
+) -> tuple[FrameRecord, ...]:
+    parent = run.absolute().parent
     try:
         parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=parent, prefix=f".{request.run.name}-", suffix=".part") as scratch:
+        with tempfile.TemporaryDirectory(dir=parent, prefix=f".{run.name}-", suffix=".part") as scratch:
             unfinished = Path(scratch) / "run"
             with RunWriter.create(unfinished, {"origin": _ORIGIN}) as writer:
-                frames = _write(writer, request, images, scale, ())
-            unfinished.replace(request.run)
+                frames = _write(writer, files, options, images, scale, ())
+            unfinished.replace(run)
         flush_folder(parent)
     except OSError as error:
-        raise RunFolderError(f"{request.run}: cannot be written: {error.strerror}") from error
+        raise RunFolderError(f"{run}: cannot be written: {error.strerror}") from error
     return frames
 
 
 def _write(
     writer: RunWriter,
-    request: ImportRequest,
+    files: Sequence[Path],
+    options: ImportOptions,
     images: Sequence["SurveyedImage"],
     scale: "Scale",
     present: Sequence[FrameRecord],
 ) -> tuple[FrameRecord, ...]:
-    frames = _frames(request, images, scale, first_sequence=writer.next_sequence, present=present)
+    frames = _frames(files, options, images, scale, first_sequence=writer.next_sequence, present=present)
     written = writer.write_frames(frames)
     kinds = " and ".join(sorted({image.kind for image in images}))
-    writer.closing_event("imported", kind=kinds, frames=len(written), files=[str(file) for file in request.files])
+    writer.closing_event("imported", kind=kinds, frames=len(written), files=[str(file) for file in files])
     return written
 
 
-def _request_problems(request: ImportRequest, images: Sequence["SurveyedImage"], *, darks_are_there: bool) -> list[str]:
-    """Return what is contradictory, out of range or missing, each with its option; images are those that could be read.
-
-    The black level may come from dark frames that the run has already.
-    """
-    return [
-        *_angle_problems(request),
-        *_exposure_problems(request, images),
-        *_black_level_problems(request, images, darks_are_there=darks_are_there),
-        *_range_problems(request),
-    ]
-
-
-def _angle_problems(request: ImportRequest) -> Iterator[str]:
-    ways = [request.angles_deg, request.angle_key, request.mosaic_deg]
+def _angle_problems(options: ImportOptions) -> Iterator[str]:
+    ways = [options.get("angles"), options.get("angle_key"), options.get("mosaic")]
     if sum(way is not None for way in ways) > 1:
         yield "--angles, --angle-key, --mosaic: give one of them"
-    for option, stated in {"--angles": request.angles_deg, "--stage-angles": request.stage_angles}.items():
-        is_named = stated is not None and len(stated) == 1 and isinstance(stated[0], str)
-        if stated is not None and not is_named and len(stated) != len(request.files):
-            yield f"{option}: {len(stated)} angles for {len(request.files)} files; give one for each file"
-        for word in () if is_named else (one for one in stated or () if isinstance(one, str)):
-            yield f"{option}: {word!r} is no number of degrees"
-    if request.mosaic_deg is not None and len(request.mosaic_deg) != 4:
-        yield f"--mosaic: {len(request.mosaic_deg)} angles; a cell of 2 x 2 pixels has 4, row by row"
+    mosaic = options.get("mosaic")
+    if mosaic is not None and len(mosaic) != 4:
+        yield f"--mosaic: {len(mosaic)} angles; a cell of 2 x 2 pixels has 4, row by row"
 
 
-def _exposure_problems(request: ImportRequest, images: Sequence["SurveyedImage"]) -> Iterator[str]:
-    ways = (request.exposure_s is not None, request.exposure_key is not None, request.same_exposure)
+def _exposure_problems(
+    files: Sequence[Path], options: ImportOptions, images: Sequence["SurveyedImage"]
+) -> Iterator[str]:
+    ways = (
+        options.get("exposure_s") is not None,
+        options.get("exposure_key") is not None,
+        options.get("same_exposure", False),
+    )
     if sum(ways) > 1:
         yield "--exposure-s, --exposure-key, --same-exposure: give one of them"
-    if not any(ways) and len(request.files) > 1 and any(image.exposure_s is None for image in images):
+    if not any(ways) and max(len(files), len(images)) > 1 and any(image.exposure_s is None for image in images):
         yield (
             "exposure: say --exposure-s X, --exposure-key KEY, or --same-exposure where it is not known but was "
             "the same for all files"
@@ -297,45 +279,44 @@ def _exposure_problems(request: ImportRequest, images: Sequence["SurveyedImage"]
 
 
 def _black_level_problems(
-    request: ImportRequest, images: Sequence["SurveyedImage"], *, darks_are_there: bool
+    options: ImportOptions, images: Sequence["SurveyedImage"], *, darks_are_there: bool
 ) -> Iterator[str]:
     ways = (
-        request.black_level_dn is not None,
-        request.black_level_key is not None,
-        request.black_level_from_darks,
+        options.get("black_level_dn") is not None,
+        options.get("black_level_key") is not None,
+        options.get("black_level_from_darks", False),
     )
     if sum(ways) > 1:
         yield "--black-level-dn, --black-level-key, --black-level-from-darks: give one of them"
-    kinds = {image.kind for image in images} or {request.kind or "scene"}
+    kinds = {image.kind for image in images} or {options.get("kind") or "scene"}
     is_known = all(image.black_level_dn is not None for image in images if image.kind == "scene")
     if not (any(ways) or (images and is_known)) and "scene" in kinds and "dark" not in kinds and not darks_are_there:
-        key = headers.key_of_all(headers.BLACK_LEVEL_KEYS, [image.header for image in images])
+        key = headers.key_of_all(headers.BLACK_LEVEL_KEYS, [image.file.header for image in images])
         yield (
             "black level: say --black-level-dn X, --black-level-key KEY, or --black-level-from-darks where dark "
             "frames of this run will tell it" + (f"; the headers have {key}" if key else "")
         )
 
 
-def _range_problems(request: ImportRequest) -> Iterator[str]:
-    angles = {"--angles": request.angles_deg, "--mosaic": request.mosaic_deg, "--stage-angles": request.stage_angles}
-    for option, values in angles.items():
-        if not all(isfinite(value) for value in values or () if not isinstance(value, str)):
-            yield f"{option}: every angle must be a finite number of degrees"
-    if request.exposure_s is not None and not 0 < request.exposure_s < float("inf"):
-        yield f"--exposure-s: is {request.exposure_s:g}, must be above 0"
+def _range_problems(options: ImportOptions) -> Iterator[str]:
+    exposure_s, bit_depth = options.get("exposure_s"), options.get("bit_depth")
+    if not all(map(isfinite, options.get("mosaic") or ())):
+        yield "--mosaic: every angle must be a finite number of degrees"
+    if exposure_s is not None and not 0 < exposure_s < float("inf"):
+        yield f"--exposure-s: is {exposure_s:g}, must be above 0"
     levels = {
-        "--black-level-dn": (request.black_level_dn, _LOWEST_DN),
-        "--saturation-dn": (request.saturation_dn, 0.0),
-        "--missing-dn": (request.missing_dn, _LOWEST_DN),
+        "--black-level-dn": (options.get("black_level_dn"), _LOWEST_DN),
+        "--saturation-dn": (options.get("saturation_dn"), 0.0),
+        "--missing-dn": (options.get("missing_dn"), _LOWEST_DN),
     }
     for option, (value, least) in levels.items():
-        if value is not None and not least <= value <= _LARGEST_DN:
+        if value is not None and value != "none" and not least <= value <= _LARGEST_DN:
             yield f"{option}: is {value:g}, must lie between {least:g} and {_LARGEST_DN:g}"
-    if request.bit_depth is not None and not 1 <= request.bit_depth <= _MOST_BITS:
-        yield f"--bit-depth: is {request.bit_depth}, must lie between 1 and {_MOST_BITS}"
-    if request.coadds is not None and request.averaged is not None:
+    if bit_depth is not None and not 1 <= bit_depth <= _MOST_BITS:
+        yield f"--bit-depth: is {bit_depth}, must lie between 1 and {_MOST_BITS}"
+    if options.get("coadds") is not None and options.get("averaged") is not None:
         yield "--coadds, --averaged: give one of them"
-    for option, reads in {"--coadds": request.coadds, "--averaged": request.averaged}.items():
+    for option, reads in {"--coadds": options.get("coadds"), "--averaged": options.get("averaged")}.items():
         if reads is not None and not 1 <= reads <= _MOST_READS:
             yield f"{option}: is {reads}, must lie between 1 and {_MOST_READS}"
 
@@ -402,28 +383,28 @@ class Scale:
     remarks: tuple[str, ...]  #: What was recognised, for the user and for every frame.
 
 
-def find_scale(request: ImportRequest, images: Sequence["SurveyedImage"]) -> Scale:
+def find_scale(options: ImportOptions, images: Sequence["SurveyedImage"]) -> Scale:
     """Return what the counts mean, by what the user says and the counts themselves show."""
     levels = np.sum([image.levels for image in images], axis=0)
     unset = sum(image.unset for image in images)
     wide = [image for image in images if image.is_wide]
     if wide:
-        return _scale_of_wide(request, levels, wide, unset)
-    sample_bits = max(image.sample_bits for image in images)
+        return _scale_of_wide(options, levels, wide, unset)
+    sample_bits = max(image.file.sample_bits for image in images)
     black_level_dn = min((image.black_level_dn for image in images if image.black_level_dn is not None), default=None)
     levels_by_file = [image.levels for image in images]
     borders = [image.border for image in images if image.border is not None]
-    depth, depth_remarks = _bit_depth(request, levels, sample_bits, levels_by_file)
-    shift, shift_remarks = _shift(request, levels, depth, sample_bits, levels_by_file)
+    depth, depth_remarks = _bit_depth(options, levels, sample_bits, levels_by_file)
+    shift, shift_remarks = _shift(options, levels, depth, sample_bits, levels_by_file)
     full_scale_dn = (2**depth - 1) << shift
-    saturation_dn, saturation_remarks = _saturation(request, levels, full_scale_dn)
+    saturation_dn, saturation_remarks = _saturation(options, levels, full_scale_dn)
     # A sky that is clipped up to the edge is no border.
     darkest_dn = min(saturation_dn, largest(levels))
     dark = [border for border in borders if border.value_dn < darkest_dn]
-    missing_dn, missing_remarks = _missing(request, levels, black_level_dn, dark)
-    is_asked = request.missing_dn is None and not request.none_missing
+    missing_dn, missing_remarks = _missing(options, levels, black_level_dn, dark)
+    is_asked = options.get("missing_dn") is None
     is_marked = is_asked and (len({border.value_dn for border in dark}) > 1 or any(b.is_elsewhere for b in dark))
-    if is_marked or (unset and request.missing_dn is None):
+    if is_marked or (unset and options.get("missing_dn") in (None, "none")):
         missing_dn = float(_unused(levels, shift, saturation_dn) << shift)
     unit = 2**shift
     return Scale(
@@ -441,34 +422,36 @@ def _unset_remarks(unset: int) -> tuple[str, ...]:
 
 
 def _scale_of_wide(
-    request: ImportRequest, levels: NDArray[np.int64], images: Sequence["SurveyedImage"], unset: int
+    options: ImportOptions, levels: NDArray[np.int64], images: Sequence["SurveyedImage"], unset: int
 ) -> Scale:
     """Return the scale of sums, means and counts below 0: of those the bits show nothing, and have to be stated."""
     low, high = min(image.range_dn[0] for image in images), max(image.range_dn[1] for image in images)
-    reads = max(image.reads for image in images)
+    reads, bit_depth = max(image.reads for image in images), options.get("bit_depth")
     asked = "--bit-depth N, the bits of the camera" + (
         "" if reads > 1 else ", with --coadds N where files are sums of N reads, --averaged N where they are means"
     )
-    if request.bit_depth is None:
+    if bit_depth is None:
         raise ConfigError(
             f"bit depth: counts{' of a read' if reads > 1 else ''} run from {low:g} to {high:g}; say {asked}"
         )
-    if request.justified == "left":
+    if options.get("justified") == "left":
         raise ConfigError("--justified left: is for whole counts of 16 bits; divide the files, or leave it out")
-    full_scale_dn = 2**request.bit_depth - 1
+    full_scale_dn = 2**bit_depth - 1
     if high > full_scale_dn:
         raise DataError(
-            f"--bit-depth {request.bit_depth}: counts{' of a read' if reads > 1 else ''} reach {high:g}; say {asked}"
+            f"--bit-depth {bit_depth}: counts{' of a read' if reads > 1 else ''} reach {high:g}; say {asked}"
         )
-    stated = request.saturation_dn is not None
+    stated = options.get("saturation_dn") is not None
     saturation_dn, remarks = (
-        _saturation(request, levels, full_scale_dn) if full_scale_dn < LEVELS or stated else (full_scale_dn, ())
+        _saturation(options, levels, full_scale_dn) if full_scale_dn < LEVELS or stated else (full_scale_dn, ())
     )
     in_part = "pixels that were saturated in some of the reads are not recognised: their means are too small"
     unit = images[0].unit
-    missing_dn = request.missing_dn if request.missing_dn is not None or not unset else _LOWEST_DN * unit
+    missing_dn = _stated_missing_dn(options)
+    if missing_dn is None and unset:
+        missing_dn = _LOWEST_DN * unit
     return Scale(
-        bit_depth=request.bit_depth,
+        bit_depth=bit_depth,
         shift_bits=0,
         saturation_dn=saturation_dn / unit if stated else float(saturation_dn),
         missing_dn=None if missing_dn is None else missing_dn / unit,
@@ -478,15 +461,16 @@ def _scale_of_wide(
 
 
 def _bit_depth(
-    request: ImportRequest,
+    options: ImportOptions,
     levels: NDArray[np.int64],
     sample_bits: int,
     levels_by_file: Sequence[NDArray[np.int64]],
 ) -> tuple[int, tuple[str, ...]]:
-    if request.bit_depth is not None and request.bit_depth > sample_bits:
-        raise DataError(f"--bit-depth {request.bit_depth}: samples in the files have only {sample_bits} bits")
-    if request.bit_depth is not None:
-        return request.bit_depth, ()
+    stated = options.get("bit_depth")
+    if stated is not None:
+        if stated > sample_bits:
+            raise DataError(f"--bit-depth {stated}: samples in the files have only {sample_bits} bits")
+        return stated, ()
     if sample_bits == 8:
         return 8, ()
     zero_bits = common_zero_bits(levels)
@@ -518,13 +502,13 @@ def _some_left(levels_by_file: Sequence[NDArray[np.int64]]) -> tuple[str, ...]:
 
 
 def _shift(
-    request: ImportRequest,
+    options: ImportOptions,
     levels: NDArray[np.int64],
     depth: int,
     sample_bits: int,
     levels_by_file: Sequence[NDArray[np.int64]],
 ) -> tuple[int, tuple[str, ...]]:
-    resampled = _resampled(request, levels, depth, sample_bits, levels_by_file)
+    resampled = _resampled(options, levels, depth, sample_bits, levels_by_file)
     if resampled is not None:
         return resampled
     spare, zero_bits, top = sample_bits - depth, common_zero_bits(levels), largest(levels)
@@ -532,23 +516,25 @@ def _shift(
     # A handful of round numbers, as in a drawn test image, is no sign of unused bits.
     tells = not could_be_right or int(np.count_nonzero(levels)) >= _TELLING_LEVELS
     could_be_left = spare > 0 and zero_bits >= spare and tells
-    if not _possible(request, could_be_left, could_be_right):
+    stated = options.get("justified")
+    if not {"left": could_be_left, "right": could_be_right, None: could_be_left or could_be_right}[stated]:
+        where = "at either end" if stated is None else f"at the {stated} end"
         raise DataError(
             f"--bit-depth {depth}: counts reach {top} and are multiples of {2**zero_bits}, which "
-            f"{depth} bits {_where(request)} of {sample_bits} do not hold"
+            f"{depth} bits {where} of {sample_bits} do not hold"
         )
-    if could_be_left and could_be_right and request.justified is None:
+    if could_be_left and could_be_right and stated is None:
         raise ConfigError(
             f"justification: counts reach {top} only and all are multiples of {2**zero_bits}, so that {depth} bits "
             f"may stand at either end of {sample_bits}; say --justified left or --justified right"
         )
-    if could_be_left and request.justified != "right":
+    if could_be_left and stated != "right":
         return spare, (f"left-justified: {depth} bits in {sample_bits}; counts were divided by {2**spare}",)
     return 0, _unused_bits(zero_bits, sample_bits)
 
 
 def _resampled(
-    request: ImportRequest,
+    options: ImportOptions,
     levels: NDArray[np.int64],
     depth: int,
     sample_bits: int,
@@ -557,9 +543,9 @@ def _resampled(
     """Return the shift of files that stand left, of which some were resampled and show it no more; None otherwise."""
     spare = sample_bits - depth
     plain = sum(common_zero_bits(own) >= spare for own in levels_by_file)
-    if spare <= 0 or plain == len(levels_by_file) or request.justified == "right":
+    if spare <= 0 or plain == len(levels_by_file) or options.get("justified") == "right":
         return None
-    stated = request.justified == "left"
+    stated = options.get("justified") == "left"
     if largest(levels) < 2**depth or (plain == 0 and not stated):
         return None
     shown = f"{plain} of {len(levels_by_file)} files show it" if plain else "no file shows it, it was said"
@@ -581,18 +567,10 @@ def _unused_bits(zero_bits: int, sample_bits: int) -> tuple[str, ...]:
     return (remark,)
 
 
-def _where(request: ImportRequest) -> str:
-    return "at either end" if request.justified is None else f"at the {request.justified} end"
-
-
-def _possible(request: ImportRequest, could_be_left: bool, could_be_right: bool) -> bool:
-    wanted = {"left": could_be_left, "right": could_be_right}
-    return wanted[request.justified] if request.justified is not None else any(wanted.values())
-
-
-def _saturation(request: ImportRequest, levels: NDArray[np.int64], full_scale_dn: int) -> tuple[float, tuple[str, ...]]:
-    if request.saturation_dn is not None:
-        return request.saturation_dn, ()
+def _saturation(options: ImportOptions, levels: NDArray[np.int64], full_scale_dn: int) -> tuple[float, tuple[str, ...]]:
+    stated = options.get("saturation_dn")
+    if stated is not None:
+        return stated, ()
     plateau = saturation_plateau(levels, full_scale_dn=full_scale_dn)
     if plateau is None:
         return float(full_scale_dn), ()
@@ -603,10 +581,10 @@ def _saturation(request: ImportRequest, levels: NDArray[np.int64], full_scale_dn
 
 
 def _missing(
-    request: ImportRequest, levels: NDArray[np.int64], black_level_dn: float | None, borders: Sequence[Border]
+    options: ImportOptions, levels: NDArray[np.int64], black_level_dn: float | None, borders: Sequence[Border]
 ) -> tuple[float | None, tuple[str, ...]]:
-    if request.missing_dn is not None or request.none_missing:
-        return request.missing_dn, ()
+    if options.get("missing_dn") is not None:
+        return _stated_missing_dn(options), ()
     if borders:
         widest = max(borders, key=lambda border: border.fraction)
         remark = (
@@ -623,6 +601,11 @@ def _missing(
     return None, (f"{found}: if they were not received, say --missing-dn 0",)
 
 
+def _stated_missing_dn(options: ImportOptions) -> float | None:
+    stated = options.get("missing_dn")
+    return None if stated is None or stated == "none" else stated
+
+
 def _unused(levels: NDArray[np.int64], shift_bits: int, saturation_dn: float) -> int:
     """Return a count that no pixel has once it is shifted: the largest below saturation, or else above."""
     taken = _in_place(np.flatnonzero(levels).astype(np.uint16), shift_bits)
@@ -633,29 +616,26 @@ def _unused(levels: NDArray[np.int64], shift_bits: int, saturation_dn: float) ->
     return int((below if below.size else free)[-1])
 
 
-_ANGLE = re.compile(r"([-+]?[0-9]*\.?[0-9]+)\s*(?:deg|degrees?|°)?", re.IGNORECASE)
 _FITS_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurveyedImage:
-    """One file, as far as it is known before anything is written."""
+    """A picture, as far as it is known before anything is written."""
 
-    path: Path  #: The file.
+    file: ImageFile  #: Without its samples.
+    number: int = 0  #: Of its file; pictures of a stack have the same.
     shape: tuple[int, int]  #: Its size.
     kind: FrameKind  #: What the camera saw.
-    sample_bits: int  #: Bits that a sample takes in the file.
-    first_row: FirstRow  #: Which row comes first in it.
+    first_row: FirstRow = "top"  #: Which row comes first in the file, as it or the user says.
     levels: NDArray[np.int64] = field(repr=False)  #: How many of its pixels have each count.
-    angle_deg: float | None = None  #: From the user or the header.
+    angle_deg: float | None = None  #: Of the polarizer's axis.
     stage_angle_deg: float | None = None  #: What the polarizer's stage read.
     exposure_s: float | None = None
     black_level_dn: float | None = None
     start_utc: str | None = None  #: Start of the exposure, where the header has it in standard form.
-    remarks: tuple[str, ...] = ()  #: What else is to be known of the file.
     border: Border | None = None  #: Constant pixels along its edges.
     is_jpeg: bool = False  #: Its blocks of 8 x 8 pixels show that it went through JPEG.
-    header: headers.Header = field(default_factory=dict, repr=False)
     reads: int = 1  #: Reads of the camera that it was made of.
     unit: int = 1  #: What its counts are divided by to be those of one read: 1 unless it is a sum.
     range_dn: tuple[float, float] = (0.0, 0.0)  #: Least and largest count of one read.
@@ -666,13 +646,46 @@ class SurveyedImage:
     by_sections: tuple[str, ...] = ()  #: What was done by keywords of sections.
 
 
-def _by_headers(request: ImportRequest, images: list[SurveyedImage], remarks: list[str]) -> list[SurveyedImage]:
-    """Return the images with what nobody stated and all headers, or all names, say; note where from."""
-    if request.kind is None and (kinds := Counter(image.kind for image in images)).keys() - {"scene"}:
+def _at_angles(
+    files: Sequence[Path],
+    options: ImportOptions,
+    images: list[SurveyedImage],
+    remarks: list[str],
+    *,
+    is_whole: bool,
+) -> list[SurveyedImage]:
+    """Return the images with their angles, by the user, by headers or by names; note where from."""
+    pictures = [(image.number, image.file.path, image.file.header) for image in images]
+
+    def by(option: str, stated: Sequence[float | str] | None) -> Sequence[float | None]:
+        if stated is None:
+            return [None] * len(images)
+        return headers.stated_angles(option, stated, pictures, files=len(files), is_whole=is_whole)
+
+    key, stage_angles = options.get("angle_key"), options.get("stage_angles")
+    axes = by("--angles", options.get("angles")) if key is None else by("--angle-key", [key])
+    images = [
+        replace(image, angle_deg=axis, stage_angle_deg=stage)
+        for image, axis, stage in zip(images, axes, by("--stage-angles", stage_angles), strict=True)
+    ]
+    ways = (options.get("angles"), key, options.get("mosaic"), stage_angles)
+    scenes = [image for image in images if image.kind == "scene"]
+    if scenes and all(way is None for way in ways):
+        angles, source = headers.angles_of([(one.file.path, one.file.header) for one in scenes])
+        remarks.append(f"polarizer angles {source}: {', '.join(f'{one:g}' for one in dict.fromkeys(angles))} deg")
+        left = iter(angles)
+        images = [replace(one, angle_deg=next(left)) if one.kind == "scene" else one for one in images]
+    return images
+
+
+def _by_headers(options: ImportOptions, images: list[SurveyedImage], remarks: list[str]) -> list[SurveyedImage]:
+    """Return the images with the exposures that all headers have; note what headers and names say."""
+    kinds = Counter(image.kind for image in images)
+    if options.get("kind") is None and kinds.keys() - {"scene"}:
         remarks.append(f"by headers or names: {', '.join(f'{number} {kind}' for kind, number in kinds.items())} frames")
     summed = {image.reads: image for image in images if image.reads > 1}
-    if summed and request.coadds is None and request.averaged is None:
-        how = {reads: headers.reads_of(image.header)[1:] for reads, image in summed.items()}
+    if summed and options.get("coadds") is None and options.get("averaged") is None:
+        how = {reads: headers.reads_of(image.file.header)[1:] for reads, image in summed.items()}
         words = "; ".join(
             f"{reads} reads by {key}, as their {'sum' if is_sum else 'mean'}" for reads, (is_sum, key) in how.items()
         )
@@ -680,61 +693,47 @@ def _by_headers(request: ImportRequest, images: list[SurveyedImage], remarks: li
     if summed:
         remarks.append("counts and exposure are those of one read")
     remarks += dict.fromkeys(text for image in images for text in image.by_sections)
-    if request.exposure_s is None and request.exposure_key is None and not request.same_exposure:
-        key = headers.key_of_all(headers.EXPOSURE_KEYS, [image.header for image in images])
+    ways = (options.get("exposure_s"), options.get("exposure_key"), options.get("same_exposure") or None)
+    if all(way is None for way in ways):
+        key = headers.key_of_all(headers.EXPOSURE_KEYS, [image.file.header for image in images])
         if key is not None:
             remarks.append(f"exposure by the header keyword {key} [s]")
-            images = [replace(image, exposure_s=float(image.header[key])) for image in images]
-    scenes = [image for image in images if image.kind == "scene"]
-    ways = (request.angles_deg, request.angle_key, request.mosaic_deg, request.stage_angles)
-    if scenes and all(way is None for way in ways):
-        angles, source = headers.angles_of(
-            [name_of(image.path) for image in scenes], [image.header for image in scenes]
-        )
-        remarks.append(f"polarizer angles {source}: {', '.join(f'{one:g}' for one in dict.fromkeys(angles))} deg")
-        found = dict(zip((image.path for image in scenes), angles, strict=True))
-        images = [replace(image, angle_deg=found.get(image.path)) for image in images]
+            images = [replace(image, exposure_s=float(image.file.header[key])) for image in images]
     return images
 
 
-def _survey(
-    request: ImportRequest, index: int, image: ImageFile, tables: Mapping[str, Mapping[str, float]]
-) -> SurveyedImage:
-    path, name = request.files[index], name_of(request.files[index])
+def _survey(options: ImportOptions, number: int, image: ImageFile) -> SurveyedImage:
     reads, is_sum, _ = headers.reads_of(image.header)
-    if request.coadds is not None or request.averaged is not None:
-        reads, is_sum = request.coadds or request.averaged or 1, request.coadds is not None
+    coadds, averaged = options.get("coadds"), options.get("averaged")
+    if coadds is not None or averaged is not None:
+        reads, is_sum = coadds or averaged or 1, coadds is not None
     unit = reads if is_sum else 1
     lit, overscan, key = headers.sections_of(image.header, image.counts.shape)
     whole = np.s_[:, :]
     samples, unset = image.counts[lit or whole], None if image.unset is None else image.unset[lit or whole]
     counts: NDArray[Any] = samples / unit if unit > 1 else samples
     good = counts if unset is None else counts[~unset]
-    black_level_dn = _number(image.header, "--black-level-key", request.black_level_key, request.black_level_dn)
+    black_level_dn = _number(
+        image.header, "--black-level-key", options.get("black_level_key"), options.get("black_level_dn")
+    )
     by_sections = () if lit is None else (f"pictures are cut to {key}",)
-    if black_level_dn is None and not request.black_level_from_darks and overscan is not None:
+    if black_level_dn is None and not options.get("black_level_from_darks") and overscan is not None:
         strip = image.counts[overscan] if image.unset is None else image.counts[overscan][~image.unset[overscan]]
         black_level_dn = float(strip.mean()) if strip.size else None
         by_sections = (*by_sections, "the black level is the mean of the overscan, BIASSEC")
     is_wide = counts.dtype != np.uint16
     return SurveyedImage(
-        path=path,
+        file=replace(image, counts=np.empty(0), unset=None),
+        number=number,
         shape=(counts.shape[0], counts.shape[1]),
-        kind=request.kind or headers.kind_of(image.header, name) or "scene",
-        sample_bits=image.sample_bits,
-        first_row=_first_row(request, image),
-        angle_deg=_angle_of_header(image.header, "--angle-key", request.angle_key)
-        if request.angle_key is not None
-        else _stated_angle(request.angles_deg, "--angles", index, name, image.header, tables),
-        stage_angle_deg=_stated_angle(request.stage_angles, "--stage-angles", index, name, image.header, tables),
-        exposure_s=_number(image.header, "--exposure-key", request.exposure_key, request.exposure_s),
+        kind=options.get("kind") or headers.kind_of(image.header, name_of(image.path)) or "scene",
+        first_row=_first_row(options, image),
+        exposure_s=_number(image.header, "--exposure-key", options.get("exposure_key"), options.get("exposure_s")),
         black_level_dn=None if black_level_dn is None else black_level_dn / unit,
         start_utc=_start(image.header),
-        remarks=image.remarks,
         levels=histogram(good),
-        border=None if request.no_border_search or is_wide else constant_border(counts),
+        border=None if options.get("no_border_search") or is_wide else constant_border(counts),
         is_jpeg=not is_wide and (traces := jpeg_traces(counts)) is not None and traces.is_found,
-        header=image.header,
         reads=reads,
         unit=unit,
         range_dn=(float(good.min()), float(good.max())),
@@ -746,70 +745,20 @@ def _survey(
     )
 
 
-def _first_row(request: ImportRequest, image: ImageFile) -> FirstRow:
-    if request.first_row is None or request.first_row == image.first_row:
-        return image.first_row
-    if image.first_row_stated:
-        raise ConfigError(f"--first-row {request.first_row}: the file itself says {image.first_row}")
-    return request.first_row
-
-
-def _angle_of_header(header: headers.Header, option: str, key: str) -> float:
-    text = str(_header_value(header, option, key)).strip()
-    match = _ANGLE.fullmatch(text)
-    if match is None:
-        raise ConfigError(f"{option} {key}: {text!r} is no angle in degrees; say --angles or --stage-angles")
-    return float(match[1])
-
-
-def _stated_angle(
-    stated: tuple[float | str, ...] | None,
-    option: str,
-    index: int,
-    name: str,
-    header: headers.Header,
-    tables: Mapping[str, Mapping[str, float]],
-) -> float | None:
-    """Return the angle of a file by a table, a keyword or a list [deg]; None where none is stated."""
-    stated = stated or ()
-    if tables[option]:
-        if name not in tables[option]:
-            raise ConfigError(f"{option} {stated[0]}: has no row for the file {name}")
-        return tables[option][name]
-    if len(stated) == 1 and isinstance(stated[0], str):
-        return _angle_of_header(header, option, stated[0])
-    value = stated[index] if index < len(stated) else None
-    return None if isinstance(value, str) else value
-
-
-def _angle_table(stated: tuple[float | str, ...] | None, column: str) -> dict[str, float]:
-    """Return the angles of a CSV table by the names of their files, nothing where none was given [deg]."""
-    if stated is None or len(stated) != 1 or not str(stated[0]).lower().endswith(".csv"):
-        return {}
-    path = Path(str(stated[0]))
-    try:
-        found = {name_of(Path(str(row["file"]).strip())): float(row[column] or "") for row in csv_rows(path)}
-    except (KeyError, ValueError) as error:
-        raise ConfigError(f"{path}: needs the columns file and {column}, a number of degrees ({error})") from error
-    if not found or not all(map(isfinite, found.values())):
-        raise ConfigError(f"{path}: has to have a row with a finite angle for each file")
-    return found
+def _first_row(options: ImportOptions, image: ImageFile) -> FirstRow:
+    stated = options.get("first_row")
+    if stated is not None and stated != image.first_row and image.first_row_stated:
+        raise ConfigError(f"--first-row {stated}: the file itself says {image.first_row}")
+    return stated or image.first_row
 
 
 def _number(header: headers.Header, option: str, key: str | None, given: float | None) -> float | None:
     if key is None:
         return given
-    value = _header_value(header, option, key)
+    value = headers.value_of(header, option, key)
     if isinstance(value, bool) or not isinstance(value, int | float) or value < 0:
         raise ConfigError(f"{option} {key}: {value!r} is no number of 0 or more")
     return float(value)
-
-
-def _header_value(header: headers.Header, option: str, key: str) -> HeaderValue:
-    if key.upper() not in header:
-        has = f"its header has {', '.join(sorted(filter(None, header)))}" if header else "it has no header"
-        raise ConfigError(f"{option} {key}: not in this file; {has}")
-    return header[key.upper()]
 
 
 def _start(header: headers.Header) -> str | None:
@@ -818,13 +767,15 @@ def _start(header: headers.Header) -> str | None:
     return f"{text}Z" if is_utc and _FITS_TIME.fullmatch(text) and is_utc_text(text) else None
 
 
-def _size_problems(request: ImportRequest, images: list[SurveyedImage]) -> list[str]:
+def _size_problems(options: ImportOptions, images: list[SurveyedImage]) -> list[str]:
     problems = []
     for image in images:
         if image.shape != images[0].shape:
-            problems.append(f"{image.path}: {_size(image)} pixels, but {images[0].path} has {_size(images[0])}")
-        if request.mosaic_deg is not None and (image.shape[0] % 2 or image.shape[1] % 2):
-            problems.append(f"{image.path}: {_size(image)} pixels cannot be cut into cells of 2 x 2 (--mosaic)")
+            problems.append(
+                f"{image.file.path}: {_size(image)} pixels, but {images[0].file.path} has {_size(images[0])}"
+            )
+        if options.get("mosaic") is not None and (image.shape[0] % 2 or image.shape[1] % 2):
+            problems.append(f"{image.file.path}: {_size(image)} pixels cannot be cut into cells of 2 x 2 (--mosaic)")
     return problems
 
 
@@ -843,19 +794,21 @@ def axis_deg(angle_deg: float) -> float:
 
 
 def _frames(
-    request: ImportRequest,
-    images: Iterable[SurveyedImage],
+    files: Sequence[Path],
+    options: ImportOptions,
+    images: Sequence[SurveyedImage],
     scale: Scale,
     *,
     first_sequence: int,
     present: Iterable[FrameRecord],
 ) -> Iterator[tuple[FrameRecord, NDArray[Any]]]:
-    """Return the frames of all files one by one, each file read when it is its turn."""
+    """Return the frames of all pictures one by one, each file read when it is its turn."""
     cycles = Counter(_place(record) for record in present)
     sequence = first_sequence
-    for image in images:
+    pictures = (picture for path in files for picture in _read(path, options))
+    for image, picture in zip(images, pictures, strict=True):
         record = _record(image, scale)
-        for angle_deg, counts, border in _pictures(request, image, scale):
+        for angle_deg, counts, border in _parts(options, image, picture, scale):
             placed = replace(_at_angle(record, angle_deg, cycles), sequence=sequence)
             shifted = (
                 np.asarray(counts / image.unit, dtype=np.float32)
@@ -894,21 +847,21 @@ def _place(record: FrameRecord) -> Place:
     return None if record.stage_angle_deg is None else (record.kind, "stage", round(record.stage_angle_deg % 360.0, 6))
 
 
-def _pictures(
-    request: ImportRequest, image: SurveyedImage, scale: Scale
+def _parts(
+    options: ImportOptions, image: SurveyedImage, file: ImageFile, scale: Scale
 ) -> Iterator[tuple[float | None, NDArray[Any], NDArray[np.bool_] | None]]:
     """Yield angle, counts, and which pixels have to be marked as missing: of a border, or without a number."""
-    file = read_image(image.path, plane=request.plane, most_bytes=request.most_bytes)
     part, rows = image.lit or np.s_[:, :], slice(None, None, 1 if image.first_row == "top" else -1)
     upright = file.counts[part][rows]
     below_dn, border = scale.marks_borders_below_dn, None if file.unset is None else file.unset[part][rows]
     if below_dn is not None and image.border is not None and image.border.value_dn < below_dn:
         of_border = border_pixels(upright, image.border.value_dn)
         border = of_border if border is None else border | of_border
-    if request.mosaic_deg is None:
+    mosaic = options.get("mosaic")
+    if mosaic is None:
         yield image.angle_deg, upright, border
         return
-    for index, angle_deg in enumerate(request.mosaic_deg):
+    for index, angle_deg in enumerate(mosaic):
         cell = np.s_[index // 2 :: 2, index % 2 :: 2]
         yield angle_deg, upright[cell], None if border is None else border[cell]
 
@@ -925,13 +878,13 @@ def _record(image: SurveyedImage, scale: Scale) -> FrameRecord:
         stage_angle_deg=image.stage_angle_deg,
         reads=image.reads if image.reads > 1 else None,
         real_counts=image.is_wide or None,
-        camera_temperature_c=headers.temperature_c(image.header),
+        camera_temperature_c=headers.temperature_c(image.file.header),
         black_level_dn=None if black_level_dn is None else black_level_dn / 2**scale.shift_bits,
         start_utc=image.start_utc,
-        source_file=str(image.path),
-        **headers.origin_of(image.header),
+        source_file=str(image.file.path),
+        **headers.origin_of(image.file.header),
         remarks=(
-            *image.remarks,
+            *image.file.remarks,
             *(() if image.first_row == "top" else ("turned: the file has its bottom row first",)),
             *((_JPEG,) if image.is_jpeg else ()),
             *scale.remarks,

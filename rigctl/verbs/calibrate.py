@@ -18,10 +18,9 @@ from rigctl.base.durable import MOST_FRAME_MB
 from rigctl.base.numbers import percent, plus_minus, to_digits
 from rigctl.console import Json, note, progress, warn
 from rigctl.errors import ConfigError, DataError
-from rigctl.files.choices import ExposureUnit
+from rigctl.files.choices import ExposureUnit, MaxFrameMb
 from rigctl.verbs.options import (
     FilePath,
-    MaxFrameMb,
     Part,
     Result,
     RunOptions,

@@ -4,23 +4,26 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Unpack
+from typing import TYPE_CHECKING, Annotated, Unpack, cast, get_type_hints
 
-from drivers.cameras.raw_planes import Plane
-from rigctl.base.durable import MOST_FRAME_MB
 from rigctl.console import Json
-from rigctl.files.choices import FrameKind
-from rigctl.verbs.options import COMMA_SEPARATED, FilePath, FrameOptions, MaxFrameMb, Part, Result, Writes
+from rigctl.imports.options import ImportOptions, PictureOptions
+from rigctl.verbs.options import FilePath, FrameOptions, Part, Result, Writes, extend_help
 from rigctl.verbs.stokes import FILES as STOKES_FILES
 from rigctl.verbs.stokes import StokesResult
 from rigctl.verbs.stokes import stokes as measure_stokes
 
 if TYPE_CHECKING:
-    from rigctl.imports.images import ImportRequest
+    from rigctl.files.choices import FrameKind
     from rigctl.measure.diagnose import RunDiagnosis
     from rigctl.runs.records import FrameRecord
 
-_BYTES_PER_MB = 1_000_000
+
+class MeasuredImportOptions(ImportOptions, FrameOptions, total=False):
+    """What is known of imported pictures, and what they are measured with."""
+
+
+extend_help(MeasuredImportOptions, PictureOptions, ImportOptions, FrameOptions)
 
 
 def import_images(
@@ -28,29 +31,8 @@ def import_images(
     files: Sequence[FilePath],
     /,
     *,
-    angles: Annotated[Sequence[float | str] | None, COMMA_SEPARATED] = None,
-    angle_key: str | None = None,
-    stage_angles: Annotated[Sequence[float | str] | None, COMMA_SEPARATED] = None,
-    mosaic: Annotated[Sequence[float] | None, COMMA_SEPARATED] = None,
-    kind: FrameKind | None = None,
-    exposure_s: float | None = None,
-    exposure_key: str | None = None,
-    same_exposure: bool = False,
-    black_level_dn: float | None = None,
-    black_level_key: str | None = None,
-    black_level_from_darks: bool = False,
-    bit_depth: int | None = None,
-    coadds: int | None = None,
-    averaged: int | None = None,
-    justified: Literal["left", "right"] | None = None,
-    saturation_dn: float | None = None,
-    missing_dn: float | Literal["none"] | None = None,
-    no_border_search: bool = False,
-    first_row: Literal["top", "bottom"] | None = None,
-    plane: Plane | None = None,
-    max_frame_mb: MaxFrameMb = MOST_FRAME_MB,
     stokes: Annotated[FilePath | None, Writes(kind="folder", names=STOKES_FILES)] = None,
-    **frames: Unpack[FrameOptions],
+    **options: Unpack[MeasuredImportOptions],
 ) -> "ImportedRun":
     """Make a run from images of other programs, or add images of another kind to such a run.
 
@@ -76,87 +58,30 @@ def import_images(
         New run folder, or one that was imported before.
     files : sequence of path
         FITS, PNG, TIFF or camera RAW images in the order in which they were taken, folders of them, and arrays in HDF5
-        and NetCDF files, as in scan.h5:/entry/data.
-    angles : sequence of float, or str
-        Polarizer angle of each file [deg], such as 0,60,-60, or a CSV table with the columns file and angle_deg;
-        default: from headers or file names.
-    angle_key : str
-        Header keyword with the angle [deg].
-    stage_angles : sequence of float, or str
-        Stage angles of a polarizer scan [deg]: 0,10,20, a header keyword, or a CSV table (columns file,
-        stage_angle_deg).
-    mosaic : sequence of float
-        Angles of the 2 x 2 cell at the top left, row by row [deg].
-    kind : {"scene", "dark", "flat"}
-        Kind of frames; default: from headers or file names, otherwise scene.
-    exposure_s : float
-        Exposure of every file [s].
-    exposure_key : str
-        Header keyword with the exposure [s]; default: EXPTIME if all files have it.
-    same_exposure : bool
-        All files have the same exposure, of unknown length.
-    black_level_dn : float
-        Counts without light [DN as in the files]; default: mean of the overscan if headers have BIASSEC.
-    black_level_key : str
-        Header keyword with the black level [DN].
-    black_level_from_darks : bool
-        Take the black level from dark frames that are imported too.
-    bit_depth : int
-        Bits per sample of the camera, 1 to 32.
-    coadds : int
-        Number of reads that each file is the sum of; default: COADDS of the header.
-    averaged : int
-        Number of reads that each file is the mean of; default: NCOMBINE of the header.
-    justified : {"left", "right"}
-        Position of these bits in a 16-bit sample, if the counts do not show it.
-    saturation_dn : float
-        Count from which a pixel is saturated [DN as in the files].
-    missing_dn : float or "none"
-        Value of missing pixels [DN as in the files], or none. NaN and infinite values are always missing.
-    no_border_search : bool
-        Do not look for constant pixels along the edges.
-    first_row : {"top", "bottom"}
-        First row in the files; default for FITS: bottom, unless ROWORDER says otherwise.
-    plane : {"red", "green-1", "green-2", "blue", "green", "sum", "all"}
-        Colour to take from colour images and RAW files; green-1 is the green in the rows of red.
-    max_frame_mb : int
-        Largest picture that is read [MB of samples].
+        and NetCDF files, as in scan.h5:/entry/data. Each picture of a stack is a frame.
     stokes : path
         Folder for results: also measure the run, as rigctl stokes does.
-    **frames
-        Calibrations and corrections for that, see `FrameOptions`.
+    **options
+        Facts about the files, see `ImportOptions`, and calibrations for their measurement, see `FrameOptions`.
     """
     from rigctl.images import image_files
-    from rigctl.imports.images import ImportRequest
+    from rigctl.imports.images import axis_remarks
+    from rigctl.imports.images import import_images as import_into
 
-    request = ImportRequest(
+    frames, remarks, clipped_shares = import_into(Path(run), image_files(list(map(Path, files))), options)
+    kinds = {frame.kind for frame in frames}
+    found = ImportedRun(
         run=Path(run),
-        files=tuple(image_files(list(map(Path, files)))),
-        kind=kind,
-        angles_deg=None if angles is None else tuple(angles),
-        angle_key=angle_key,
-        stage_angles=None if stage_angles is None else tuple(stage_angles),
-        mosaic_deg=None if mosaic is None else tuple(mosaic),
-        exposure_s=exposure_s,
-        exposure_key=exposure_key,
-        same_exposure=same_exposure,
-        black_level_dn=black_level_dn,
-        black_level_key=black_level_key,
-        black_level_from_darks=black_level_from_darks,
-        bit_depth=bit_depth,
-        coadds=coadds,
-        averaged=averaged,
-        justified=justified,
-        saturation_dn=saturation_dn,
-        missing_dn=None if missing_dn == "none" else missing_dn,
-        none_missing=missing_dn == "none",
-        no_border_search=no_border_search,
-        first_row=first_row,
-        plane=plane,
-        most_bytes=max_frame_mb * _BYTES_PER_MB,
+        frames=frames,
+        remarks=remarks,
+        clipped_shares=clipped_shares,
+        diagnosis=_first_look(Path(run), kinds, has_axes=not axis_remarks(options, frames)),
     )
-    found = imported(request)
-    return found if stokes is None else replace(found, measured=measure_stokes(run, out=stokes, **frames))
+    if stokes is None:
+        return found
+    of_files = get_type_hints(ImportOptions)
+    frame_options = cast("FrameOptions", {name: one for name, one in options.items() if name not in of_files})
+    return replace(found, measured=measure_stokes(run, out=stokes, **frame_options))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,28 +129,12 @@ class ImportedRun(Result):
         }
 
 
-def imported(request: "ImportRequest") -> ImportedRun:
-    """Import the images of a request."""
-    from rigctl.imports.images import import_images
-
-    frames, remarks, clipped_shares = import_images(request)
-    return ImportedRun(
-        run=request.run,
-        frames=frames,
-        remarks=remarks,
-        clipped_shares=clipped_shares,
-        diagnosis=_first_look(request, frames),
-    )
-
-
-def _first_look(request: "ImportRequest", frames: "Sequence[FrameRecord]") -> "RunDiagnosis":
-    from rigctl.imports.images import axis_remarks
+def _first_look(run: Path, kinds: set["FrameKind"], *, has_axes: bool) -> "RunDiagnosis":
     from rigctl.measure.diagnose import quick_diagnosis, undiagnosed
     from rigctl.runs.folder import read_run
 
-    kinds = {frame.kind for frame in frames}
     if "scene" not in kinds:
         return undiagnosed(f"the files are {' and '.join(sorted(kinds))} frames")
-    if axis_remarks(request, frames):
-        return undiagnosed("the axes are not known" if request.stage_angles is not None else "fewer than three axes")
-    return quick_diagnosis(read_run(request.run))
+    if not has_axes:
+        return undiagnosed("fewer than three axes")
+    return quick_diagnosis(read_run(run))

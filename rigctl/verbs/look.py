@@ -1,15 +1,15 @@
 """`rigctl look`: S0, DoLP and AoLP of a few images, without calibration."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Unpack
 
-from drivers.cameras.raw_planes import Plane
 from rigctl.base.durable import MOST_FRAME_MB
-from rigctl.console import Json, note
+from rigctl.console import Json, note, warn
 from rigctl.errors import ConfigError, DataError
-from rigctl.verbs.options import COMMA_SEPARATED, FilePath, MaxFrameMb, Part, Result, Writes
+from rigctl.imports.options import PictureOptions
+from rigctl.verbs.options import FilePath, Part, Result, Writes
 
 if TYPE_CHECKING:
     from rigctl.images import ImageFile
@@ -24,12 +24,8 @@ def look(
     files: Sequence[FilePath],
     /,
     *,
-    angles: Annotated[Sequence[float] | None, COMMA_SEPARATED] = None,
-    mosaic: Annotated[Sequence[float] | None, COMMA_SEPARATED] = None,
-    first_row: Literal["top", "bottom"] | None = None,
-    plane: Plane | None = None,
-    max_frame_mb: MaxFrameMb = MOST_FRAME_MB,
     out: Annotated[FilePath, Writes()] = Path("look.png"),
+    **options: Unpack[PictureOptions],
 ) -> "LookResult":
     """Show S0, DoLP and AoLP maps of a few images, without exposure or black level.
 
@@ -44,51 +40,47 @@ def look(
     Parameters
     ----------
     files : sequence of path
-        FITS, PNG, TIFF or camera RAW images, folders of them, arrays in HDF5 and NetCDF files (scan.h5:/entry/data).
-    angles : sequence of float
-        Polarizer angle of each file [deg], as in 0,45,90,135.
-    mosaic : sequence of float
-        Angles of the 2 x 2 cell at the top left, row by row [deg].
-    first_row : {"top", "bottom"}
-        First row in the files; default for FITS: bottom, unless ROWORDER says otherwise.
-    plane : {"red", "green-1", "green-2", "blue", "green", "sum", "all"}
-        Colour to take from RAW files; green-1 is the green in the rows of red.
-    max_frame_mb : int
-        Largest picture that is read [MB of samples].
+        FITS, PNG, TIFF, JPEG or camera RAW images, folders of them, arrays in HDF5 and NetCDF files
+        (scan.h5:/entry/data). Each picture of a stack counts.
     out : path
         Picture to write.
+    **options
+        Angles, and how the files are read, see `PictureOptions`.
     """
     import numpy as np
 
     from model.processing.reconstruction import design
     from rigctl.base.durable import write_durably
-    from rigctl.images import image_files, name_of
-    from rigctl.imports.headers import angles_of
+    from rigctl.images import image_files
+    from rigctl.imports.headers import angles_of, stated_angles
     from rigctl.imports.levels import histogram, saturation_plateau
     from rigctl.measure.measure import polarization_images
     from rigctl.report.measurement import uncalibrated_pictures
 
     paths = image_files([Path(file) for file in files])
+    angles, mosaic, first_row = options.get("angles"), options.get("mosaic"), options.get("first_row")
     if angles is not None and mosaic is not None:
         raise ConfigError("--angles, --mosaic: give one of them")
     if mosaic is not None and len(mosaic) != 4:
         raise ConfigError(f"--mosaic: {len(mosaic)} angles; a cell of 2 x 2 pixels has 4, row by row")
-    if angles is not None and len(angles) != len(paths):
-        raise ConfigError(f"--angles: {len(angles)} angles for {len(paths)} files; give one for each file")
-    images = _read(paths, plane, max_frame_mb * _BYTES_PER_MB)
-    pictures = [
-        image.counts if image.unset is None else np.where(image.unset, np.nan, image.counts) for image in images
-    ]
-    is_top = [(first_row or image.first_row) == "top" for image in images]
-    rows = [picture if top else picture[::-1] for picture, top in zip(pictures, is_top, strict=True)]
+    pictures = _read(paths, options)
+    images = [image for _, image in pictures]
+    lossy = [str(image.path) for image in images if image.is_lossy]
+    if lossy:
+        warn(
+            f"{len(lossy)} of {len(images)} images are JPEG ({lossy[0]}): a tone curve changes DoLP, compression its "
+            "edges; rigctl import takes raw frames only"
+        )
+    rows = [image.counts if (first_row or image.first_row) == "top" else image.counts[::-1] for image in images]
     if mosaic is not None:
         found, source = tuple(mosaic) * len(rows), "as given"
         height, width = (side - side % 2 for side in rows[0].shape)
         rows = [row[k // 2 : height : 2, k % 2 : width : 2] for row in rows for k in range(4)]
     elif angles is not None:
-        found, source = tuple(angles), "as given"
+        named = [(number, image.path, image.header) for number, image in pictures]
+        found, source = stated_angles("--angles", angles, named, files=len(paths)), "as given"
     else:
-        found, source = angles_of([name_of(path) for path in paths], [image.header for image in images])
+        found, source = angles_of([(image.path, image.header) for image in images])
     at = np.round(np.mod(found, 180.0), 6) % 180.0
     distinct = np.unique(at)
     if distinct.size < _LEAST_ANGLES:
@@ -106,11 +98,12 @@ def look(
     clipped = np.any(counts >= largest, axis=0)
     plan = design(np.radians(distinct))
     maps = polarization_images(plan, np.where(unset, 0.0, channels), unusable=clipped | unset)
+    names = [str(image.path) for image in images]
     result = LookResult(
         maps=maps,
-        angles_deg={} if mosaic is not None else dict(zip(map(str, paths), found, strict=True)),
+        angles_deg={} if mosaic is not None else dict(zip(names, found, strict=True)),
         angle_source=source,
-        files=tuple(paths),
+        files=tuple(image.path for image in images),
         clipped_shares=(float(clipped.mean()), float(np.any(counts == 0, axis=0).mean())),
         largest_dn=largest,
     )
@@ -118,7 +111,8 @@ def look(
     note(
         f"{out}: S0, DoLP and AoLP, {_LABEL}: dark level, exposure and response are not taken into account", below=True
     )
-    note("measured: rigctl import RUN FILES --same-exposure --black-level-dn X --stokes FOLDER", below=True)
+    if not lossy:
+        note("measured: rigctl import RUN FILES --same-exposure --black-level-dn X --stokes FOLDER", below=True)
     return result
 
 
@@ -171,17 +165,23 @@ class LookResult(Result):
         }
 
 
-def _read(paths: Sequence[Path], plane: Plane | None, most_bytes: int) -> "list[ImageFile]":
-    """Return the images; raise an error if their sizes differ."""
-    from rigctl.images import read_image
+def _read(paths: Sequence[Path], options: PictureOptions) -> "list[tuple[int, ImageFile]]":
+    """Return the images with the numbers of their files; raise an error if their sizes differ. Missing pixels are NaN."""
+    import numpy as np
 
-    images: list[ImageFile] = []
-    for path in paths:
+    from rigctl.images import read_images
+
+    most_bytes = options.get("max_frame_mb", MOST_FRAME_MB) * _BYTES_PER_MB
+    pictures: list[tuple[int, ImageFile]] = []
+    for number, path in enumerate(paths):
         try:
-            images.append(read_image(path, plane=plane, most_bytes=most_bytes))
+            for image in read_images(path, plane=options.get("plane"), most_bytes=most_bytes):
+                counts = image.counts if image.unset is None else np.where(image.unset, np.nan, image.counts)
+                pictures.append((number, replace(image, counts=counts)))
         except (ConfigError, DataError) as error:
             raise type(error)(f"{path}: {error}") from error
-        if images[-1].counts.shape != images[0].counts.shape:
-            sizes = " and ".join(f"{one.counts.shape[1]} x {one.counts.shape[0]}" for one in (images[0], images[-1]))
-            raise DataError(f"{paths[0]} and {path} have {sizes} pixels; one size is needed")
-    return images
+        first, last = pictures[0][1], pictures[-1][1]
+        if first.counts.shape != last.counts.shape:
+            sizes = " and ".join(f"{one.counts.shape[1]} x {one.counts.shape[0]}" for one in (first, last))
+            raise DataError(f"{first.path} and {last.path} have {sizes} pixels; one size is needed")
+    return pictures

@@ -13,14 +13,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import cleandoc
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, TypedDict, cast
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, TypedDict, cast
 
-from cyclopts import Parameter, Token, convert
+from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from rigctl.console import Json, json_text, results, told_content
 from rigctl.errors import ConfigError
-from rigctl.files.choices import EffectRule, Engine, LightPart, ScaleKind, SnrKind
+from rigctl.files.choices import COMMA_SEPARATED, EffectRule, Engine, LightPart, ScaleKind, SnrKind
 
 if TYPE_CHECKING:
     from rigctl import mapped
@@ -70,17 +70,6 @@ class Writes:
 #: Annotation of a path whose content does not identify the results, such as an archive that grows.
 NOT_AN_INPUT = "not an input"
 
-
-def _words(kind: type, tokens: Sequence[Token]) -> Any:
-    texts = [word.strip() for token in tokens for word in token.value.split(",")]
-    return convert(kind, [tokens[0].evolve(value=word) for word in texts])
-
-
-#: Several words in one option, separated by commas.
-COMMA_SEPARATED = Parameter(converter=_words, n_tokens=1, allow_leading_hyphen=True)
-
-#: Largest picture that is read [MB of samples].
-MaxFrameMb: TypeAlias = Annotated[int, Parameter(validator=Number(gte=1, lte=100_000))]
 
 #: Validity of a calibration [days]; the default depends on the kind.
 ValidDays: TypeAlias = Annotated[float | None, Parameter(validator=Number(gte=0.0))]

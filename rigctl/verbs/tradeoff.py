@@ -11,7 +11,8 @@ from cyclopts.validators import Number
 
 from rigctl.console import Json, note, solving_shown, steps_shown
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import COMMA_SEPARATED, FilePath, Files, Part, Result, Writes
+from rigctl.files.choices import COMMA_SEPARATED
+from rigctl.verbs.options import FilePath, Files, Part, Result, Writes
 
 if TYPE_CHECKING:
     from model.accuracy.predict import Predicted

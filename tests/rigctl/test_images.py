@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.io import netcdf_file
 
 from rigctl.errors import ConfigError, DataError
-from rigctl.images import ImageFile, image_files, read_image, unfiltered_png
+from rigctl.images import ImageFile, image_files, read_image, read_images, unfiltered_png
 from rigctl.runs.fits import encode_frame
 from tests.rigctl.run_samples import noisy_counts
 
@@ -124,12 +124,16 @@ def test_tiff_of_every_kind_of_sample_by_tifffile(tmp_path, dtype):
     np.testing.assert_array_equal(read_image(tmp_path / "image.tif").counts, pixels)
 
 
-@pytest.mark.parametrize("name", ["image.png", "image.tif", "cube.fits"])
+@pytest.mark.parametrize("name", ["image.png", "image.tif", "planes.tif", "cube.fits"])
 @pytest.mark.parametrize(("plane", "place"), [("red", 0), ("green", 1), ("blue", 2)])
 def test_a_colour_of_an_image_is_read(tmp_path, name, plane, place):
     colours = np.random.default_rng(1).integers(0, 256, (5, 7, 3)).astype(np.uint8)
     if name.endswith("fits"):
         write_fits(tmp_path / name, np.moveaxis(colours, 2, 0))
+    elif name == "planes.tif":
+        colours = colours.astype(np.uint16) * 200
+        planes = np.moveaxis(colours, 2, 0)
+        tifffile.imwrite(tmp_path / name, planes, photometric="rgb", planarconfig="separate")
     elif name.endswith("tif"):
         tifffile.imwrite(tmp_path / name, colours, photometric="rgb")
     else:
@@ -179,13 +183,56 @@ def write_classic_netcdf(path):
 )
 def test_a_stack_in_an_array_of_a_file_is_pictures_with_their_own_facts(tmp_path, name, write):
     inside = write(tmp_path / name)
-    paths = image_files([Path(f"{tmp_path / name}:{inside}")])
-    images = [read_image(path) for path in paths]
+    images = list(read_images(Path(f"{tmp_path / name}:{inside}")))
+    assert str(images[1].path) == f"{tmp_path / name}:{inside}[1]"
+    np.testing.assert_array_equal(read_image(images[1].path).counts, STACK[1])
     np.testing.assert_array_equal([image.counts for image in images], STACK)
     assert [image.header["ANGLE"] for image in images] == [0.0, 45.5]
     assert images[0].header["EXPOSURE"] == 0.5
     with pytest.raises(ConfigError, match=f"{inside} \\(2 x 3 x 4\\)"):
-        image_files([Path(f"{tmp_path / name}:/none")])
+        read_image(Path(f"{tmp_path / name}:/none"))
+    with pytest.raises(DataError, match="holds 2 pictures"):
+        read_image(Path(f"{tmp_path / name}:{inside}[2]"))
+
+
+def separate_planes(path):
+    tifffile.imwrite(path, STACK, photometric="minisblack", planarconfig="separate", compression="zlib")
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("cube.fits", lambda path: fits.PrimaryHDU(STACK).writeto(path)),
+        ("extension.fits", lambda path: fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(STACK[None])]).writeto(path)),
+        ("cube.fits.fz", lambda path: fits.CompImageHDU(STACK).writeto(path)),
+        ("pages.tif", lambda path: tifffile.imwrite(path, STACK, photometric="minisblack")),
+        ("big.tif", lambda path: tifffile.imwrite(path, STACK, photometric="minisblack", bigtiff=True)),
+        ("planes.tif", separate_planes),
+        ("mimwrite.tif", lambda path: pytest.importorskip("imageio").mimwrite(path, list(STACK))),
+    ],
+)
+def test_a_stack_is_its_pictures_in_order(tmp_path, name, write):
+    write(tmp_path / name)
+    images = list(read_images(tmp_path / name))
+    np.testing.assert_array_equal([image.counts for image in images], STACK)
+    assert [image.path.name for image in images] == [f"{name}[0]", f"{name}[1]"]
+    with pytest.raises(DataError, match="holds several pictures"):
+        read_image(tmp_path / name)
+
+
+def test_only_the_first_picture_of_a_cube_has_the_time_of_its_header(tmp_path):
+    header = {"DATE-OBS": "2026-05-04T10:00:00", "EXPTIME": 0.5}
+    first, second = read_images(write_fits(tmp_path / "cube.fits", STACK, **header))
+    assert header.items() <= first.header.items()
+    assert (second.header["EXPTIME"], "DATE-OBS" in second.header) == (0.5, False)
+
+
+def test_a_jpeg_picture_can_be_looked_at_and_is_no_raw_image(tmp_path):
+    grey = np.full((16, 24), 100, np.uint8)
+    PIL.Image.fromarray(grey).save(tmp_path / "a.jpg")
+    np.testing.assert_allclose(read_image(tmp_path / "a.jpg").counts, grey, atol=1)
+    with pytest.raises(DataError, match="compressed with loss"):
+        _ = read_image(tmp_path / "a.jpg").raw_counts
 
 
 def test_packed_numbers_of_netcdf_are_unpacked(tmp_path):
@@ -208,10 +255,6 @@ def cut_off(path):
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
 
-def separate_colours(path):
-    tifffile.imwrite(path, np.zeros((3, 5, 7), np.uint16), photometric="rgb", planarconfig="separate")
-
-
 def colour_picture(path):
     cv2.imwrite(str(path), np.arange(48, dtype=np.uint8).reshape(4, 4, 3))
 
@@ -224,26 +267,23 @@ def one_bit(path):
     ("name", "write", "reason"),
     [
         ("all nan.fits", lambda path: write_fits(path, np.full((6, 9), np.nan)), "NaN or infinite"),
-        ("cube.fits", lambda path: write_fits(path, np.zeros((2, 3, 4), np.int16)), "has axes of 2 x 3 x 4"),
+        ("cube.fits", lambda path: write_fits(path, np.zeros((2, 2, 3, 4), np.int16)), "has axes of 2 x 2 x 3 x 4"),
         ("empty.fits", lambda path: fits.PrimaryHDU().writeto(path), "without an image"),
         ("checksum.fits", checksum_off, "is damaged"),
         ("cut.png", cut_off, "."),
         ("cut.tif", cut_off, "."),
         ("cut.fits", cut_off, "."),
-        ("pages.tif", lambda path: cv2.imwritemulti(str(path), [COUNTS, COUNTS]), "holds 2 pictures"),
         ("mask.png", one_bit, "1 bits per sample"),
-        ("notes.txt", lambda path: path.write_text("sunny"), "not a FITS, PNG, TIFF or RAW"),
+        ("notes.txt", lambda path: path.write_text("sunny"), "not a FITS, PNG, TIFF, JPEG or RAW"),
         ("none.png", lambda path: None, "cannot be read"),
-        ("separate.tif", separate_colours, "one after another"),
         ("colour.png", colour_picture, "--plane red, green or blue"),
         ("colour.tif", colour_picture, "--plane red, green or blue"),
     ],
 )
 def test_a_file_that_is_no_picture_of_counts_is_refused_with_the_reason(tmp_path, name, write, reason):
     write(tmp_path / name)
-    plane = "red" if name.startswith("separate") else None
     with pytest.raises(ConfigError if name.startswith("colour") else DataError, match=reason):
-        read_image(tmp_path / name, plane=plane)
+        read_image(tmp_path / name)
 
 
 @pytest.mark.parametrize("content", [b"", b"no HDF5 file", b"\x89HDF\r\n\x1a\n" + bytes(100), b"CDF\x01" + bytes(9)])

@@ -14,11 +14,10 @@ from scipy.special import chdtri
 from model.processing.fault_fit import SHARED as RESPONSES
 from rigctl.comparison.compare import Comparison, compare_with_itself
 from rigctl.files.regions import Rectangle, Region
-from rigctl.imports.images import ImportRequest
 from rigctl.measure.diagnose import MeasuredRun, measure_run
 from rigctl.runs.folder import read_run
 from rigctl.verbs.compare import compare_run
-from rigctl.verbs.import_images import ImportedRun, imported
+from rigctl.verbs.import_images import ImportedRun, import_images
 
 REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")
 pytestmark = pytest.mark.skipif(REAL_DATA is None, reason="set RIGCTL_REAL_DATA to the folder of real frames")
@@ -39,15 +38,13 @@ def imported_mosaic(
         raw = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)[y : y + side[0], x : x + side[1]]
         file = folder / f"{name}.png"
         cv2.imwrite(str(file), raw)
-    return imported(
-        ImportRequest(
-            run=folder / "run",
-            files=(file,),
-            kind="scene",
-            mosaic_deg=(90.0, 45.0, 135.0, 0.0),
-            black_level_dn=0.0,
-            same_exposure=True,
-        )
+    return import_images(
+        folder / "run",
+        [file],
+        kind="scene",
+        mosaic=(90.0, 45.0, 135.0, 0.0),
+        black_level_dn=0.0,
+        same_exposure=True,
     )
 
 
@@ -58,16 +55,7 @@ def imported_state(folder: Path, state: str) -> MeasuredRun:
         picture = cv2.imread(str(FOLDER / "mueller_psa" / state / f"p{angle:03.0f}.png"), cv2.IMREAD_UNCHANGED)
         files.append(folder / f"p{angle:03.0f}.png")
         cv2.imwrite(str(files[-1]), picture[CROP])
-    imported(
-        ImportRequest(
-            run=folder / "run",
-            files=tuple(files),
-            kind="scene",
-            angles_deg=TURN_DEG,
-            black_level_dn=0.0,
-            same_exposure=True,
-        )
-    )
+    import_images(folder / "run", files, kind="scene", angles=TURN_DEG, black_level_dn=0.0, same_exposure=True)
     return measure_run(read_run(folder / "run"), [MIDDLE])
 
 
@@ -223,16 +211,14 @@ def test_a_sky_that_is_clipped_up_to_the_edge_is_neither_a_border_nor_missing(tm
 
 def test_nothing_false_is_said_of_a_real_triplet(tmp_path: Path) -> None:
     files = tuple(FOLDER / "lasco_c2_triplet" / f"lasco_{angle}.fts" for angle in ("0", "+60", "-60"))
-    told = imported(
-        ImportRequest(
-            run=tmp_path / "run",
-            files=files,
-            kind="scene",
-            angles_deg=(0.0, 60.0, -60.0),
-            exposure_key="EXPTIME",
-            black_level_key="OFFSET",
-            bit_depth=16,
-        )
+    told = import_images(
+        tmp_path / "run",
+        files,
+        kind="scene",
+        angles=(0.0, 60.0, -60.0),
+        exposure_key="EXPTIME",
+        black_level_key="OFFSET",
+        bit_depth=16,
     )
     assert any("65532" in remark and "saturated" in remark for remark in told.remarks)
     assert any(remark.startswith("3.1% of the pixels are 0") and "missing" in remark for remark in told.remarks)

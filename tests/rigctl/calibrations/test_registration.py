@@ -11,10 +11,9 @@ import pytest
 from rigctl.calibrations.registration import register_run
 from rigctl.cli import main
 from rigctl.console import EXIT_DATA
-from rigctl.imports.images import ImportRequest
 from rigctl.runs.folder import read_run
 from rigctl.runs.writer import RunWriter
-from rigctl.verbs.import_images import imported
+from rigctl.verbs.import_images import import_images
 from tests.rigctl.run_samples import make_record, write_run
 
 STAGE_DEG = (0.0, 45.0, 90.0, 135.0)
@@ -80,9 +79,7 @@ REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")
 @pytest.mark.skipif(REAL_DATA is None, reason="set RIGCTL_REAL_DATA to the folder of real frames")
 def test_the_pictures_of_a_mosaic_are_half_a_pixel_apart(tmp_path: Path) -> None:
     file = Path(REAL_DATA or "") / "imx250_fruits" / "fruits_IMX250MZR.png"
-    imported(
-        ImportRequest(run=tmp_path / "run", files=(file,), kind="scene", mosaic_deg=(90, 45, 135, 0), black_level_dn=0)
-    )
+    import_images(tmp_path / "run", [file], kind="scene", mosaic=(90, 45, 135, 0), black_level_dn=0)
     found = register_run(read_run(tmp_path / "run"))
     # 90 and 45 above, 135 and 0 below: a pixel that sits half a pixel to the right sees the scene moved to the left.
     truth = -np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.5], [0.5, 0.5]])

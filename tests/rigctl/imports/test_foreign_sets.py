@@ -1,6 +1,7 @@
 """Sets of frames as others have them: sums, means, folders, header words; written by other programs, and by numpy."""
 
 import json
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -180,7 +181,7 @@ def test_reads_by_headers(header, reads, is_sum):
 
 @pytest.mark.parametrize("key", ["POLANG", "POLAR", "POLARREF"])
 def test_angles_by_headers(key):
-    assert headers.angles_of(["a", "b", "c"], [{key: "0"}, {key: 60.0}, {key: "-60 Deg"}])[0] == (0.0, 60.0, -60.0)
+    assert headers.angles_of([(Path("a"), {key: one}) for one in ("0", 60.0, "-60 Deg")])[0] == (0.0, 60.0, -60.0)
 
 
 def test_angles_by_the_names_of_files_of_arrays(tmp_path):
@@ -283,6 +284,6 @@ def test_a_section_beyond_the_picture_is_named(tmp_path, capsys):
 
 
 def test_a_half_wave_plate_turns_the_axis_by_twice_its_angle():
-    found, how = headers.angles_of(["a", "b", "c", "d"], [{"RETANG": one} for one in (0.0, 22.5, 45, "67.5")])
+    found, how = headers.angles_of([(Path("a"), {"RETANG": one}) for one in (0.0, 22.5, 45, "67.5")])
     assert found == (0.0, 45.0, 90.0, 135.0)
     assert "half-wave plate" in how

@@ -1,14 +1,13 @@
 """What counts of imported images mean: bits, their place in a sample, saturation, missing pixels."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigctl.errors import ConfigError, DataError
-from rigctl.imports.images import ImportRequest, SurveyedImage, find_scale
+from rigctl.images import ImageFile
+from rigctl.imports.images import SurveyedImage, find_scale
 from rigctl.imports.levels import common_zero_bits, histogram, odd_pattern
 from tests.rigctl.run_samples import noisy_counts
 
@@ -18,15 +17,13 @@ DIM = np.random.default_rng(1).integers(10, 40, 5000) << 4
 
 def scale_of(counts, *, sample_bits=16, black_level_dn=None, **said):
     image = SurveyedImage(
-        path=Path("image"),
+        file=ImageFile(counts=np.empty(0), sample_bits=sample_bits, first_row="top", first_row_stated=False, header={}),
         shape=(1, 1),
         kind="scene",
-        sample_bits=sample_bits,
-        first_row="top",
         black_level_dn=black_level_dn,
         levels=histogram(np.asarray(counts, dtype=np.uint16)),
     )
-    return find_scale(ImportRequest(run=Path("run"), files=(), kind="scene", **said), [image])
+    return find_scale(said, [image])
 
 
 def saturated(value_dn, share=0.02):
@@ -115,7 +112,7 @@ def test_what_is_not_known_is_asked_for_and_what_contradicts_is_refused(counts, 
     [
         (missing(580), {"black_level_dn": 582.1}, 0.0, "3.0%"),
         (missing(100), {}, None, "--missing-dn 0"),
-        (missing(580), {"black_level_dn": 582.1, "none_missing": True}, None, ""),
+        (missing(580), {"black_level_dn": 582.1, "missing_dn": "none"}, None, ""),
         # A black that is clipped.
         (np.clip(np.random.default_rng(4).normal(8.0, 4.0, 10000), 0, None), {"black_level_dn": 8.0}, None, ""),
     ],

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from rigctl.errors import ConfigError, DataError
-from rigctl.imports.images import ImportRequest
 from rigctl.runs.folder import read_run
-from rigctl.verbs.import_images import imported
+from rigctl.verbs.import_images import import_images
 from tests.drivers.cameras.dng import write_dng
 
 ANGLES_DEG = (0.0, 60.0, -60.0)
@@ -25,21 +24,21 @@ def stack(folder, **of_the_last):
     return tuple(paths), pictures
 
 
-def request(folder, files, **changes):
+def imported(folder, files, **changes):
     said = {
-        "angles_deg": ANGLES_DEG,
+        "angles": ANGLES_DEG,
         "plane": "green-2",
         "exposure_key": "EXPTIME",
         "black_level_key": "BLACK",
         "bit_depth": 12,
         **changes,
     }
-    return ImportRequest(run=folder / "run", files=files, kind="scene", **said)
+    return import_images(folder / "run", files, kind="scene", **said)
 
 
 def test_one_colour_of_a_stack_becomes_a_run(tmp_path):
     files, pictures = stack(tmp_path)
-    found = imported(request(tmp_path, files))
+    found = imported(tmp_path, files)
     assert [frame.polarizer_angle_deg for frame in found.frames] == list(ANGLES_DEG)
     run = read_run(tmp_path / "run")
     for record, counts in zip(run.frames, pictures, strict=True):
@@ -51,7 +50,7 @@ def test_one_colour_of_a_stack_becomes_a_run(tmp_path):
 
 def test_another_exposure_is_fine_where_each_is_told(tmp_path):
     files, _ = stack(tmp_path, exposure=(1, 50))
-    frames = imported(request(tmp_path, files)).frames
+    frames = imported(tmp_path, files).frames
     assert [frame.exposure_s for frame in frames] == pytest.approx([1 / 125, 1 / 125, 1 / 50], rel=1e-7)
 
 
@@ -67,4 +66,4 @@ def test_another_exposure_is_fine_where_each_is_told(tmp_path):
 def test_a_stack_that_was_not_taken_alike_or_says_too_little_is_refused(tmp_path, of_the_last, changes, error, said):
     files, _ = stack(tmp_path, **of_the_last)
     with pytest.raises(error, match=said):
-        imported(request(tmp_path, files, **changes))
+        imported(tmp_path, files, **changes)

@@ -11,11 +11,10 @@ from model.processing.reconstruction import design, reconstruct
 from model.processing.samples import repeated
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Rectangle, Region
-from rigctl.imports.images import ImportRequest
 from rigctl.measure.frames import RunCalibrations
 from rigctl.measure.measure import measure, measure_region
 from rigctl.runs.folder import read_run
-from rigctl.verbs.import_images import imported
+from rigctl.verbs.import_images import import_images
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.noise_records import noise_parameters
 
@@ -130,9 +129,7 @@ needs_real_data = pytest.mark.skipif(REAL_DATA is None, reason="set RIGCTL_REAL_
 @needs_real_data
 def test_real_mosaic_equals_an_independent_pseudo_inverse(tmp_path):
     file = Path(REAL_DATA) / "imx250_fruits" / "fruits_IMX250MZR.png"
-    imported(
-        ImportRequest(run=tmp_path / "run", files=(file,), kind="scene", mosaic_deg=(90, 45, 135, 0), black_level_dn=0)
-    )
+    import_images(tmp_path / "run", [file], kind="scene", mosaic=(90, 45, 135, 0), black_level_dn=0)
     run = read_run(tmp_path / "run")
     found = measure(run, regions=[])
     expected = _pseudo_inverse_stokes(run)
@@ -143,16 +140,15 @@ def test_real_mosaic_equals_an_independent_pseudo_inverse(tmp_path):
 def test_real_corona_is_polarized_tangentially(tmp_path):
     """Thomson scattering polarizes the K corona at right angles to the radius, whatever else the picture holds."""
     folder = Path(REAL_DATA) / "lasco_c2_triplet"
-    request = ImportRequest(
-        run=tmp_path / "run",
-        files=tuple(folder / f"lasco_{name}.fts" for name in ("0", "+60", "-60")),
+    import_images(
+        tmp_path / "run",
+        [folder / f"lasco_{name}.fts" for name in ("0", "+60", "-60")],
         kind="scene",
-        angles_deg=(0, 60, -60),
+        angles=(0, 60, -60),
         exposure_key="EXPTIME",
         black_level_key="OFFSET",
         bit_depth=16,
     )
-    imported(request)
     found = measure(read_run(tmp_path / "run"), regions=[])
     assert found.grid.unit == "DN/s"
     s0, s1, s2 = reconstruct(found.plan, found.channels)
