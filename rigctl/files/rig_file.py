@@ -269,6 +269,8 @@ class CameraSection(Section):
     """Refuse any other camera than this. Example: `"02-2020C-07321"`."""
     gain_db: float = 0.0
     """Gain setting of the camera. Example: `0.0`."""
+    filter: Annotated[str, Field(pattern=r"^[ -~]{1,60}$")] | None = None
+    """Name of the filter in front of it, for the headers of frames and results. Example: `"V"`."""
     timeout_s: PositiveNumber = 5.0
     """Longest wait for a frame beyond its exposure. Example: `5.0`."""
     mosaic_deg: Annotated[list[float], Field(min_length=4, max_length=4)] | None = None

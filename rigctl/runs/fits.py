@@ -344,7 +344,7 @@ def header_cards(record: FrameRecord) -> dict[str, tuple[CardValue, str]]:
     for time in filter(None, (record.start_utc, record.end_utc)):
         if not time.endswith("Z"):
             raise ValueError(f"start_utc, end_utc: {time!r} must be UTC and end in Z, as from utc_text")
-    cards: dict[str, tuple[CardValue, str]] = {"TIMESYS": ("UTC", "")}
+    cards: dict[str, tuple[CardValue, str]] = {"TIMESYS": ("UTC", ""), "BUNIT": ("DN", "unit of the samples")}
     for field, keyword, comment in _KEYWORDS:
         value = getattr(record, field)
         if value is not None:

@@ -101,7 +101,7 @@ class FrameRecord:
     start_source: str | None = None
     camera_model: str | None = None  #: The devices.
     camera_serial: str | None = None
-    filter_name: str | None = None  #: Filter in front of the sensor, by the header of an imported file.
+    filter_name: str | None = None  #: Filter in front of the sensor, by the rig file or the header of an imported file.
     stage_model: str | None = None
     stage_serial: str | None = None
     stage_tries: int | None = None  #: Number of commands of the move until the readback was within tolerance.

@@ -317,6 +317,7 @@ def record_of(
         camera_temperature_c=camera_temperature_c,
         camera_model=rig.camera_identity.model,
         camera_serial=rig.camera_identity.serial_number,
+        filter_name=rig_file.camera.filter,
         stage_model=None if stage is None else stage.model,
         stage_serial=None if stage is None else stage.serial_number,
         sun_azimuth_deg=None if sun is None else sun.azimuth_deg,

@@ -23,7 +23,7 @@ RIG_FILE = RigFile.model_validate(
         "name": "stand-in",
         "stage": {"driver": "ellx", "port": "/dev/null"},
         "polarizer": {"sense": 1, "offset_deg": 10.0},
-        "camera": {"address": "none:"},
+        "camera": {"address": "none:", "filter": "V"},
     }
 )
 

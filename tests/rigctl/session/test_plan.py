@@ -131,7 +131,7 @@ def test_eight_hours_of_a_moving_sun(tmp_path):
     late_s = [(first - due) / NS for first, due in zip(sorted(firsts), sorted(_due_ns(tmp_path)), strict=True)]
     assert min(late_s) >= 0
     assert max(late_s) < 1.0
-    assert (frames[-1].site_latitude_deg, frames[-1].site_elevation_m) == (43.16, 150.0)
+    assert (frames[-1].site_latitude_deg, frames[-1].site_elevation_m, frames[-1].filter_name) == (43.16, 150.0, "V")
     assert {record.round for record in frames} == set(range(allowed + passes))
 
 
