@@ -178,7 +178,9 @@ def stated_angles(
             f"{option}: {len(angles)} angles for {files} files of {len(pictures)} pictures; give one for each file, or "
             "for each picture"
         )
-    raise ConfigError(f"{option}: {len(angles)} angles for {files} files; give one for each file")
+    raise ConfigError(
+        f"{option}: {len(angles)} angles for {files} file{'s' if files > 1 else ''}; give one for each file"
+    )
 
 
 def _angle_of_header(header: Header, option: str, key: str, path: Path) -> float:

@@ -46,6 +46,7 @@ from rigctl.runs.writer import RunWriter
 
 _ORIGIN = "import"
 _BYTES_PER_MB = 1_000_000
+_LISTED = 3  # files that have one and the same problem
 _CLIPPED_SHARE = 1e-3  # of the pixels of a file, beyond which it is reported
 _JPEG = "blocks of 8 x 8 pixels show that JPEG was at work, which changes counts: noise and edges are not the camera's"
 
@@ -106,13 +107,15 @@ def _surveyed(
     images: list[SurveyedImage] = []
     unsaid: list[str] = []
     unfit: list[str] = []
+    refused: dict[tuple[bool, str], list[Path]] = {}
     for number, path in enumerate(files):
         try:
             images += [_survey(options, number, image) for image in _read(path, options)]
-        except DataError as error:
-            unfit.append(f"{path}: {error}")
-        except ConfigError as error:
-            unsaid.append(f"{path}: {error}")
+        except (ConfigError, DataError) as error:
+            refused.setdefault((isinstance(error, ConfigError), str(error)), []).append(path)
+    for (is_unsaid, text), paths in refused.items():
+        more = f" and {len(paths) - _LISTED} more" if len(paths) > _LISTED else ""
+        (unsaid if is_unsaid else unfit).append(f"{', '.join(map(str, paths[:_LISTED]))}{more}: {text}")
     is_whole = not unfit and not unsaid
     unfit += _size_problems(options, images)
     stack = [(image.file.path, image.file.header) for image in images if FLIP in image.file.header]
@@ -195,11 +198,12 @@ def _clipped_shares(
 
 def _file_remarks(images: Sequence["SurveyedImage"], scale: "Scale") -> Iterator[str]:
     """Yield what was recognised in single files, and in how many."""
-    for file, number in Counter(image.number for image in images).items():
-        if number > 1:
-            path = next(image.file.path for image in images if image.number == file)
-            colours = "; if they are colours, say --plane red, green or blue" if number == 3 else ""
-            yield f"{name_of(path).rpartition('[')[0]} holds {number} pictures, each a frame{colours}"
+    stacks = {file: number for file, number in Counter(image.number for image in images).items() if number > 1}
+    if stacks:
+        first = next(name_of(image.file.path).rpartition("[")[0] for image in images if image.number in stacks)
+        others = f" and {len(stacks) - 1} other files hold" if len(stacks) > 1 else " holds"
+        colours = "; if they are colours, say --plane red, green or blue" if 3 in stacks.values() else ""
+        yield f"{first}{others} {sum(stacks.values())} pictures, each a frame{colours}"
     saturated = ceil(scale.saturation_dn * (1 << scale.shift_bits))
     shares = {
         name_of(image.file.path): float(image.levels[saturated:].sum() / max(image.levels.sum(), 1)) for image in images

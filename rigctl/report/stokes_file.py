@@ -128,9 +128,8 @@ def _facts(measurement: Measurement, errors: PixelErrors, calibrations: Mapping[
         "CTYPE1": ("X", "columns, to the right"),
         "CTYPE2": ("Y", "rows, downwards"),
         "CTYPE3": ("STOKES", "I, Q, U: S0, S1, S2"),
-        "CRPIX3": 1.0,
-        "CRVAL3": 1.0,
-        "CDELT3": 1.0,
+        # SAOImage DS9 needs these of every axis.
+        **{f"{key}{axis}": 1.0 for axis in (1, 2, 3) for key in ("CRPIX", "CRVAL", "CDELT")},
         "POLCCONV": ("(+X,-Y,+Z)", "+Q right in the picture, Z to observer"),
         "POLCANGL": (0.0, "[deg] turn of that frame"),
         "POLANGS": (", ".join(f"{angle:.4f}" for angle in np.degrees(grid.polarizer_angles_rad)), "[deg] polarizer"),

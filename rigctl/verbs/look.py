@@ -112,7 +112,8 @@ def look(
         f"{out}: S0, DoLP and AoLP, {_LABEL}: dark level, exposure and response are not taken into account", below=True
     )
     if not lossy:
-        note("measured: rigctl import RUN FILES --same-exposure --black-level-dn X --stokes FOLDER", below=True)
+        bits = "" if images[0].sample_bits == 8 else " --bit-depth N"
+        note(f"measured: rigctl import RUN FILES --same-exposure --black-level-dn X{bits} --stokes FOLDER", below=True)
     return result
 
 

@@ -120,6 +120,7 @@ def test_stokes_fits_opens_in_astropy_with_its_errors(tmp_path):
     np.testing.assert_allclose(np.square(data.uncertainty.array), variances, rtol=1e-5)
     assert str(data.unit) == "DN"
     with fits.open(path, checksum=True) as units:
+        units.verify("exception")
         names = ["SCI", "ERR", "COV", "DQ", "DOLP", "DOLP_ERR", "AOLP", "AOLP_ERR", "CALERR"]
         assert [unit.name for unit in units] == names
         errors = {name: units[name].header["ERRTYPE"] for name in ("ERR", "COV", "CALERR")}
@@ -129,6 +130,8 @@ def test_stokes_fits_opens_in_astropy_with_its_errors(tmp_path):
         np.testing.assert_array_equal(units["DQ"].data, found.errors.doubts)
         header = units["SCI"].header
     assert list(WCS(header).wcs.ctype) == ["X", "Y", "STOKES"]
+    # SAOImage DS9 refuses an axis that has a type and no scale.
+    assert all(f"{key}{axis}" in header for key in ("CRPIX", "CRVAL", "CDELT") for axis in (1, 2, 3))
     assert (header["POLCCONV"], header["POLCANGL"], header["NCYCLES"]) == ("(+X,-Y,+Z)", 0.0, 2)
     assert header["POLANGS"] == "0.0000, 45.0000, 90.0000, 135.0000"
 
