@@ -5,16 +5,20 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import PIL.Image
 import pytest
 import tifffile
 from astropy.io import fits
 
 from rigctl.cli import main
 from rigctl.imports import headers
+from rigctl.measure.measure import measure
+from rigctl.measure.pixel_errors import pixel_errors
 from rigctl.runs.folder import read_run
 from rigctl.verbs.import_images import import_images
 from rigctl.verbs.look import look
 from rigctl.verbs.stokes import stokes
+from tests.rigctl.noise_records import noise_parameters
 from tests.rigctl.run_samples import noisy_counts
 
 ANGLES_DEG, READS, BLACK_DN = (0, 45, 90, 135), 15, 60
@@ -69,10 +73,27 @@ def test_sums_and_means_give_the_dolp_of_their_reads(sets, name):
     assert first.camera_temperature_c == pytest.approx(-10.0)
 
 
+def test_the_errors_of_pixels_hold_the_truth_whether_reads_are_single_summed_or_averaged(sets):
+    known = {"gain_dn_per_e": GAIN, "read_noise_e": READ_NOISE_E, "black_level_dn": BLACK_DN}
+    noise = noise_parameters({name: {"value": value, "std_error": 0.0, "n": 1} for name, value in known.items()})
+    twice = 2.0 * np.radians(AOLP_DEG)
+    truth_dn = GAIN * 3000.0 * np.array([1.0, DOLP * np.cos(twice), DOLP * np.sin(twice)])
+    errors = {}
+    for name, run in sets.items():
+        measured = measure(read_run(run), regions=[])
+        found = pixel_errors(measured, noise)
+        apart = measured.images.stokes.reshape(3, -1).T - truth_dn
+        cov = found.cov.reshape(3, 3, -1).transpose(2, 0, 1).astype(np.float64)
+        chi_square = np.einsum("pi,pij,pj->p", apart, np.linalg.inv(cov), apart)
+        # Three degrees of freedom in each of 576 pixels.
+        assert chi_square.mean() / 3.0 == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / (3.0 * 576.0)))
+        errors[name] = found.dolp.mean()
+    assert errors["sum"] == pytest.approx(errors["single"], rel=0.01)
+    assert errors["mean"] == pytest.approx(errors["single"], rel=0.01)
+
+
 def test_the_noise_of_a_mean_is_that_of_its_reads(sets):
     """Against the scatter of the pixels, which here is noise alone."""
-    from rigctl.measure.measure import measure
-
     for name in ("sum", "rounded"):
         run = read_run(sets[name])
         measurement = measure(run, regions=[])
@@ -198,6 +219,41 @@ def test_angles_by_a_table(tmp_path):
     (tmp_path / "angles.csv").write_text("file,angle_deg\nc.fits,120\nb.fits,60\na.fits,0\n")
     import_images(tmp_path / "run", files, angles=[str(tmp_path / "angles.csv")], bit_depth=12, black_level_dn=1)
     assert [record.polarizer_angle_deg for record in read_run(tmp_path / "run").frames] == [0.0, 60.0, 120.0]
+
+
+def test_stacks_are_frames_with_an_angle_for_each_file_or_picture(tmp_path, capsys):
+    cubes = [
+        write(tmp_path / f"{name}.fits", np.stack([noisy_counts(k), noisy_counts(k + 9)]))
+        for k, name in enumerate("abc")
+    ]
+    tifffile.imwrite(tmp_path / "scan.tif", np.stack([noisy_counts(k) for k in range(3)]), photometric="minisblack")
+    (tmp_path / "angles.csv").write_text("file,angle_deg\nscan.tif[2],120\nscan.tif[0],0\nscan.tif[1],60\n")
+    known = {"bit_depth": 12, "black_level_dn": 1, "same_exposure": True}
+    found = import_images(tmp_path / "bursts", cubes, angles=[0, 60, 120], bit_depth=12, black_level_dn=1)
+    assert "a.fits and 2 other files hold 6 pictures, each a frame" in found.remarks
+    assert [record.polarizer_angle_deg for record in found.frames] == [0.0, 0.0, 60.0, 60.0, 120.0, 120.0]
+    assert [record.cycle for record in found.frames] == [0, 1] * 3
+    assert found.frames[1].source_file.endswith("a.fits[1]")
+    for name, angles in (("list", [0, 60, 120]), ("table", [str(tmp_path / "angles.csv")])):
+        scan = import_images(tmp_path / name, [tmp_path / "scan.tif"], angles=angles, **known)
+        assert [record.polarizer_angle_deg for record in scan.frames] == [0.0, 60.0, 120.0]
+        np.testing.assert_array_equal(read_run(tmp_path / name).counts(scan.frames[2]), noisy_counts(2))
+    maps = look([tmp_path / "scan.tif"], angles=[0, 60, 120], out=tmp_path / "look.png")
+    assert list(maps.angles_deg.values()) == [0.0, 60.0, 120.0]
+    words = ["import", str(tmp_path / "run"), *map(str, cubes), "--angles", "0,60", "--bit-depth", "12"]
+    assert main([*words, "--black-level-dn", "1"]) == 2
+    assert "2 angles for 3 files of 6 pictures" in capsys.readouterr().err
+
+
+def test_jpeg_is_shown_with_a_caution_and_not_imported(tmp_path, capsys):
+    (tmp_path / "set").mkdir()
+    for angle in ANGLES_DEG:
+        PIL.Image.fromarray((noisy_counts(angle) >> 4).astype(np.uint8)).save(tmp_path / "set" / f"p{angle}.jpg")
+    assert main(["look", str(tmp_path / "set"), "--out", str(tmp_path / "look.png")]) == 0
+    assert "4 of 4 images are JPEG" in capsys.readouterr().err
+    words = ["--same-exposure", "--black-level-dn", "0"]
+    assert main(["import", str(tmp_path / "run"), str(tmp_path / "set"), *words]) == 4
+    assert "p45.jpg and 1 more: is compressed with loss" in capsys.readouterr().err
 
 
 def test_all_that_is_missing_is_asked_for_in_one_message(tmp_path, capsys):
