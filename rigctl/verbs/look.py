@@ -167,7 +167,7 @@ class LookResult(Result):
 
 
 def _read(paths: Sequence[Path], options: PictureOptions) -> "list[tuple[int, ImageFile]]":
-    """Return the images with the numbers of their files; raise an error if their sizes differ. Missing pixels are NaN."""
+    """Return the images with the numbers of their files, missing pixels as NaN; raise an error if sizes differ."""
     import numpy as np
 
     from rigctl.images import read_images
