@@ -41,6 +41,8 @@ from rigctl.scene.scene import Scene, rig_errors, with_value
 Clock = Callable[[], float]
 Truth = Mapping[Reading, Value]
 
+EVERY_10_DEG, PLANNED_GRID = "sky kept every 10 deg", "the planner's coarsest sky"
+_PLANNED = 1e-2  # tolerance of settings whose grid alone is asked for
 # Stated or implied by [MK14].
 _TILES = {9: 3, 25: 5, 100: 10}
 _DRAWS = (1_000, 10_000, 100_000, 1_000_000)
@@ -70,7 +72,11 @@ def named_choices(
     for count, per_side in _TILES.items():
         tiled = replace(fine, tiles_per_side=per_side, tile_rule="midpoint", negligible_spread=0.0)
         yield _evaluated(f"K = {count} midpoint tiles", scene, tiled, truth, clock)
-    yield _evaluated("sky kept every 10 deg", scene, replace(fine, sky_zeniths=9, sky_azimuths=36), truth, clock)
+    planned = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), _PLANNED)
+    grids = {EVERY_10_DEG: (9, 36), PLANNED_GRID: (planned.sky_zeniths, planned.sky_azimuths)}
+    for name, (zeniths, azimuths) in grids.items():
+        grid = replace(fine, sky_zeniths=zeniths, sky_azimuths=azimuths)
+        yield _evaluated(name, scene, grid, truth, clock)
     yield _evaluated(
         "one effective wavelength", scene, replace(fine, wavelengths=1, split_at_kinks=False), truth, clock
     )

@@ -205,15 +205,24 @@ class AccuracyTradeoff(Result):
         return (one.name for one in self.curves.named if faster_and_better(one, self.curves))
 
     def _explanation(self) -> Iterable[str]:
-        if not any(self._seemingly_better()):
-            return
-        from rigctl.prediction.tradeoff import estimates_share
+        from rigctl.prediction.tradeoff import EVERY_10_DEG, PLANNED_GRID, estimates_share
 
-        yield (
-            f'"{_NO_ERROR_STATED}": faster and better here than a tolerance, with settings that were chosen finer '
-            f"beforehand and without error estimates ({estimates_share(self.worth):.0%} of the time of --tolerance "
-            f"{self.worth.tolerance:g}); the error is known from the finest settings alone"
-        )
+        better = set(self._seemingly_better())
+        if better:
+            yield (
+                f'"{_NO_ERROR_STATED}": faster and better here than a tolerance, because all other settings were '
+                f"chosen finer beforehand, and nothing is spent on error estimates ({estimates_share(self.worth):.0%} "
+                f"of the time of --tolerance {self.worth.tolerance:g}); only the finest settings tell the error"
+            )
+        if EVERY_10_DEG in better:
+            kept, planned = (
+                one for name in (EVERY_10_DEG, PLANNED_GRID) for one in self.curves.named if one.name == name
+            )
+            yield (
+                f"A {EVERY_10_DEG} is no level of the planner: with all other settings the same, {PLANNED_GRID} "
+                f"({planned.seconds:.2g} s) errs by {_error(planned.error)}, and that ({kept.seconds:.2g} s) by "
+                f"{_error(kept.error)}."
+            )
 
     def as_json(self) -> dict[str, Json]:
         """Return the content of tradeoff.json."""
