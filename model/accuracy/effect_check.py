@@ -255,7 +255,7 @@ def skylight_bound(scene: LitScene, limits: Mapping[str, LightLimits]) -> Bound 
     if not all(_is_known(scene, region, limits[region.name]) for region in scene.regions):
         return None
     once, off = _reflected_once(scene)
-    bare = {region.name: _beam_of(region, limits) for region in scene.regions}
+    bare = {region.name: limits[region.name].beam for region in scene.regions}
     lit = {name: beam + once.get(name, 0.0) for name, beam in bare.items()}
     both = [_with_radiances(scene, one) for one in (lit, bare)]
     known = change(*(one.readings for one in evaluate_all(both, _coarsest(scene), store=LightStore())))
@@ -277,11 +277,6 @@ def _is_known(scene: LitScene, region: LitRegion, light: LightLimits) -> bool:
         and light.depth > NEXT_TO_NONE
         and bool(np.isfinite(light.again.s0 + light.added))
     )
-
-
-def _beam_of(region: LitRegion, limits: Mapping[str, LightLimits]) -> FloatArray:
-    # The same as at both edges of the limits: on the axis the beam's light is known.
-    return limits[region.name].beams[0] if region.radiance is None else region.radiance
 
 
 def _with_radiances(scene: LitScene, radiances: Mapping[str, FloatArray]) -> LitScene:

@@ -24,7 +24,7 @@ from model.effects.names import EVERYTHING, LIGHT, Bound, Effect
 from model.numerics import chdtri, erfc, expn
 from model.processing.detection import CONDITION_LIMIT
 from model.processing.reconstruction import design
-from model.scene.field import BACKSCATTER, FieldPart, cosine_fourth, middle, off_axis
+from model.scene.field import BACKSCATTER
 from model.scene.panel import View, aperture_lights
 from model.scene.scene import Air, LitRegion, LitScene
 from model.scene.sky_light import illuminate
@@ -49,19 +49,17 @@ _DARK, _ANY_LIGHT = Light(0.0, 0.0), Light(np.inf, np.inf)
 class LightLimits:
     """Limits of a region's radiance [W m-2 sr-1], and what the bounds need to know of the air before it."""
 
-    beams: FloatArray  #: Stokes vectors between which the beam's light lies, (K, 3)
-    s0_low: float  #: of the beam alone, and so on
-    s0_high: float
-    polarised_low: float
-    polarised_high: float
+    beam: FloatArray  #: Stokes vector of the beam's light, (3,)
     parts: Mapping[Effect, Light] = field(default_factory=dict)  #: most that each effect of `LIGHT_PARTS` adds
     again: Light = _ANY_LIGHT  #: most that the sky adds by light that air scattered at least twice
-    apart: float = 0.0  #: largest difference of the beam's light over the field from its middle
-    spread: float = 0.0  #: the same of all light over S0, and its root mean square
-    deviation: float = 0.0
     depth: float = np.inf  #: optical depth of all air, and of the air below the camera
     depth_below: float = np.inf
     texture: FloatArray | None = None  #: its covariance; None where it is that of a material
+
+    @property
+    def polarised(self) -> float:
+        """The polarised part of the beam's light."""
+        return float(np.hypot(self.beam[1], self.beam[2]))
 
     @cached_property
     def added(self) -> float:
@@ -89,7 +87,7 @@ class Disturbance:
 
 
 def light_limits(scene: LitScene) -> dict[str, LightLimits]:
-    """Return the limits of each region's light, without solving anything."""
+    """Return the limits of each region's light on the axis, without solving anything."""
     found = {one.name: _given_light(one, one.radiance) for one in scene.regions if one.radiance is not None}
     materials = [one for one in scene.regions if one.surface is not None]
     if not materials or scene.air is None:
@@ -101,10 +99,10 @@ def light_limits(scene: LitScene) -> dict[str, LightLimits]:
 def effect_bounds(
     scene: LitScene, limits: Mapping[str, LightLimits], effects: frozenset[Effect] = LIGHT
 ) -> dict[Effect, Bound]:
-    """Return for each of some effects of the light how much leaving it out can change."""
+    """Return for each of some effects of the light how much leaving it out can change; for regions without extent."""
     regions = {one.name: radiance_bounds(scene, one, limits[one.name]) for one in scene.regions}
     found: dict[Effect, Bound] = {}
-    for effect in (one for one in Effect if one in effects):
+    for effect in (one for one in Effect if one in effects & _BOUNDS.keys()):
         of_region = _BOUNDS[effect]
         changes = {name: of_region(scene, region, limits[name]) for name, region in regions.items()}
         found[effect] = _worst(scene, regions, changes)
@@ -131,10 +129,6 @@ _THIN = 0.05
 # Under air thinner than this a computed sky is bright at the horizon alone and has few digits there, if any: its grid
 # may be off by more than all of it, and polarised by more than 1.
 NEXT_TO_NONE, _FEW_DIGITS = 1e-4, 10.0
-# Over a field the beam's light is known at nine directions; between them it may go this much farther.
-_BETWEEN = 2.0
-# How the light of air changes over a field is known less well than how much it is; rules of an integral differ over it.
-_AIR_ROOM = 5.0
 # The beam sees the depth of all layers and no more.
 _FEWEST_LAYERS = SolverSettings(fine_layers=False, nodes=4, element_depth=0.1, tolerance=1e-3)
 _WITH_BEAM = ("total", "reflected", "reflected_sun")
@@ -157,24 +151,6 @@ _UNKNOWN = Disturbance(s0=np.inf, polarised=np.inf)
 def _added_by(effect: Effect) -> Callable[[LitScene, RegionBounds, LightLimits], Disturbance]:
     """Return what gives the disturbance by an effect that adds light."""
     return lambda scene, region, light: added(scene, region, light.parts.get(effect, _DARK))
-
-
-def _field_of_view(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
-    """Return the largest difference over the field from its middle, as a shift of the mean and as a spread.
-
-    The beam's light is known at the middle, the edges and the corners; it may go twice as far between, and its root
-    mean square is at most the largest difference of these. The light of the air changes by at most 2 (1 / m + 4 / mu)
-    + 10 of itself per radian, m being the rms slope.
-    """
-    if light.spread == 0.0:
-        return _NOTHING
-    if not (region.is_known and light.spread < 1.0):
-        return _UNKNOWN
-    moved = _moved(scene, region, light.spread, light.spread)
-    ratio = _times((light.deviation * region.s0_high) ** 2, region.share_of_light)
-    # A part of the whole has the share r / (1 + r), r being its ratio to the rest.
-    share = ratio / (1.0 + ratio) if np.isfinite(ratio) else ratio
-    return Disturbance(s0=moved.s0, polarised=moved.polarised, share=moved.share + share)
 
 
 def _wavelengths(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
@@ -227,16 +203,14 @@ def _moved(scene: LitScene, region: RegionBounds, s0: float, polarised: float) -
 
 
 def _of_texture(scene: LitScene, region: RegionBounds, shift: float) -> float:
-    """Amplitude b of what texture, pattern and spread over the field, which go with the light, change.
+    """Amplitude b of what texture and pattern, which go with the light, change.
 
     A part v v' of a covariance C = N + v v' + ... that becomes (v + d) (v + d)' changes x'Cx by 2 (xv) (xd) + (xd)^2.
     With b the largest of |xd| over the root of x'Nx, and since 2 |xv| times that root is at most x'Cx, it is b + b^2 of
-    x'Cx at most. N is the noise of a mean over cycles: of one cycle b is smaller by the root of their number. Over a
-    field the light of each direction may change by all of the shift.
+    x'Cx at most. N is the noise of a mean over cycles: of one cycle b is smaller by the root of their number.
     """
     one, noise = region.region, scene.sensor.noise
-    over_field = 0.0 if one.part is None else 1.0
-    relative = noise.prnu + (1.0 + noise.prnu) * (one.texture_rms + max(one.texture_diagonal) + over_field)
+    relative = noise.prnu + (1.0 + noise.prnu) * (one.texture_rms + max(one.texture_diagonal))
     return _times(relative * shift * region.s0_high, float(np.sqrt(region.share_of_light))) if relative > 0.0 else 0.0
 
 
@@ -263,15 +237,7 @@ def _relative_variance(air: Air) -> float:
 def _given_light(region: LitRegion, radiance: FloatArray) -> LightLimits:
     """Limits of a region whose radiance is given."""
     stokes = np.asarray(radiance, dtype=np.float64)
-    s0, polarised = float(stokes[0]), float(np.hypot(stokes[1], stokes[2]))
-    return LightLimits(
-        beams=np.stack([stokes, stokes]),
-        s0_low=s0,
-        s0_high=s0,
-        polarised_low=polarised,
-        polarised_high=polarised,
-        texture=region.texture_rms**2 * np.outer(stokes, stokes) + region.texture_cov,
-    )
+    return LightLimits(beam=stokes, texture=region.texture_rms**2 * np.outer(stokes, stokes) + region.texture_cov)
 
 
 def _beam_lighting(air: Air) -> Lighting:
@@ -295,60 +261,37 @@ def _beam_lighting(air: Air) -> Lighting:
 def _sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, thin: _ThinAir) -> LightLimits:
     """Return the limits of a region's radiance before sky and path are known."""
     panel, air = _panel(scene, region)
-    beams = _beams(panel, air, lighting, scene.sun_azimuth_rad)
-    found = _beams_between(beams, is_counted=scene.source in _WITH_BEAM)
-    parts = {effect: most(scene, panel, thin) for effect, most in LIGHT_PARTS.items()}
-    found = replace(
-        found,
-        parts=parts,
+    is_counted = scene.source in _WITH_BEAM
+    return LightLimits(
+        beam=_beam(panel, air, lighting, scene.sun_azimuth_rad) if is_counted else np.zeros(3),
+        parts={effect: most(scene, panel, thin) for effect, most in LIGHT_PARTS.items()},
         again=_reflected(scene, panel, thin, thin.sky_again),
         depth=thin.depth,
-        depth_below=thin.depth_below(panel.views[0].height_m),
+        depth_below=thin.depth_below(panel.view.height_m),
     )
-    of_beam, of_air = _spread(found, panel)
-    return replace(found, spread=_BETWEEN * of_beam + of_air, deviation=of_beam + of_air)
 
 
 class _Panel(NamedTuple):
-    """A region of a material, and views over its part of the field, the middle first."""
+    """A region of a material, and the view on it."""
 
     surface: Surface
     tilt: Tilt
-    views: tuple[View, ...]
+    view: View
 
 
 def _panel(scene: LitScene, region: LitRegion) -> tuple[_Panel, Air]:
     if scene.air is None or scene.view is None or region.surface is None or region.tilt is None:
         raise ValueError(f"region {region.name}: needs air, view, surface and tilt")
-    views = _field_views(scene.view, region.part)
-    return _Panel(surface=region.surface, tilt=region.tilt, views=views), scene.air
-
-
-def _toward(panel: _Panel) -> FloatArray:
-    """Directions toward the camera, (K, 3)."""
-    return np.stack([direction(zenith_rad=one.zenith_rad, azimuth_rad=one.azimuth_rad) for one in panel.views])
+    return _Panel(surface=region.surface, tilt=region.tilt, view=scene.view), scene.air
 
 
 def _slant(panel: _Panel) -> float:
-    """Longest way through air over that upward."""
-    return 1.0 / min(float(np.cos(view.zenith_rad)) for view in panel.views)
+    """Way through air to the camera over that upward."""
+    return 1.0 / float(np.cos(panel.view.zenith_rad))
 
 
-def _field_views(view: View, part: FieldPart | None) -> tuple[View, ...]:
-    """Return the axis or, over a part of the field, its middle, the middles of its edges, and its corners."""
-    if part is None:
-        return (view,)
-    across, upward = middle(part)
-    rights, ups = (
-        (np.tan(low), between, np.tan(high))
-        for low, between, high in ((part.left_rad, across, part.right_rad), (part.bottom_rad, upward, part.top_rad))
-    )
-    others = [(float(x), float(y)) for x in rights for y in ups if (x, y) != (across, upward)]
-    return tuple(off_axis(view, right=x, up=y) for x, y in ((across, upward), *others))
-
-
-def _beams(panel: _Panel, air: Air, lighting: Lighting, sun_azimuth_rad: float) -> FloatArray:
-    """Stokes radiance that the beam sends to each view of a panel, (K, 3)."""
+def _beam(panel: _Panel, air: Air, lighting: Lighting, sun_azimuth_rad: float) -> FloatArray:
+    """Stokes radiance that the beam sends to the view of a panel, (3,)."""
     illumination = illuminate(
         lighting,
         sun_zenith_rad=air.sun_zenith_rad,
@@ -356,51 +299,16 @@ def _beams(panel: _Panel, air: Air, lighting: Lighting, sun_azimuth_rad: float) 
         ground_albedo=air.ground_albedo,
         sky=_black_sky,
     )
-    lights = aperture_lights(
-        illumination, surface=panel.surface, tilt=panel.tilt, views=panel.views, skylight=False, path=False
+    (light,) = aperture_lights(
+        illumination, surface=panel.surface, tilt=panel.tilt, views=(panel.view,), skylight=False, path=False
     )
-    return np.stack([light.reflected_sun for light in lights])
+    return light.reflected_sun
 
 
 def _black_sky(*, zenith_rad: object, phi_rad: object) -> FloatArray:
     """Return no light from any direction."""
     shape = np.broadcast_shapes(np.shape(np.asarray(zenith_rad)), np.shape(np.asarray(phi_rad)))
     return np.zeros((*shape, 3))
-
-
-def _beams_between(beams: FloatArray, *, is_counted: bool) -> LightLimits:
-    """Limits of the beam's light between directions at which it is known; none where it does not count."""
-    if not is_counted:
-        return LightLimits(beams=np.zeros_like(beams), s0_low=0.0, s0_high=0.0, polarised_low=0.0, polarised_high=0.0)
-    known = float(np.max(np.linalg.norm(beams - beams[0], axis=-1)))
-    apart = (_BETWEEN - 1.0) * known
-    polarised = np.hypot(beams[:, 1], beams[:, 2])
-    # A channel gets at most half of S0 and of the polarised light, 0.71 of the length of a change.
-    reach = np.array([2.0 * apart, 0.0, 0.0])
-    edges = np.concatenate([beams + reach, beams - reach])
-    return LightLimits(
-        beams=edges,
-        s0_low=max(float(beams[:, 0].min()) - apart, 0.0),
-        s0_high=float(beams[:, 0].max()) + apart,
-        polarised_low=max(float(polarised.min()) - apart, 0.0),
-        polarised_high=float(polarised.max()) + apart,
-        apart=known,
-    )
-
-
-def _spread(light: LightLimits, panel: _Panel) -> tuple[float, float]:
-    """Largest difference over the field from its middle, over S0: of the beam where it is known, and of the rest.
-
-    The reflected sky changes with the view as fast as the lobe is narrow; it is at most all of the light.
-    """
-    if len(panel.views) == 1:
-        return 0.0, 0.0
-    if light.s0_low <= 0.0:
-        return np.inf, 0.0
-    toward, slant = _toward(panel), _slant(panel)
-    angle = float(np.max(angle_between_rad(toward[0], toward[1:])))
-    steepness = 2.0 * (1.0 / panel.surface.slope_rms + 4.0 * slant) + 10.0
-    return light.apart / light.s0_low, angle * steepness * min(1.0, _AIR_ROOM * light.added / light.s0_low)
 
 
 # What each effect may add to the light of the beam. An effect that is entered here is in the total of all others
@@ -421,7 +329,8 @@ def _path_radiance(scene: LitScene, panel: _Panel, thin: _ThinAir) -> Light:
     if scene.air is None or scene.source not in ("total", "path"):
         return _DARK
     sun = direction(zenith_rad=scene.air.sun_zenith_rad, azimuth_rad=scene.sun_azimuth_rad)
-    found = thin.path(panel, scattering_rad=angle_between_rad(-sun, _toward(panel)))
+    toward = direction(zenith_rad=panel.view.zenith_rad, azimuth_rad=panel.view.azimuth_rad)
+    found = thin.path(panel, scattering_rad=angle_between_rad(-sun, toward))
     return Light(found, found)
 
 
@@ -434,7 +343,7 @@ def _adjacency(scene: LitScene, panel: _Panel, thin: _ThinAir) -> Light:
     if around is None or scene.source not in ("total", "path"):
         return _DARK
     beyond = abs(around - thin.ground_albedo) / np.pi * thin.received
-    return Light(beyond * thin.mixed_in(height_m=panel.views[0].height_m, slant=_slant(panel)), 0.0)
+    return Light(beyond * thin.mixed_in(height_m=panel.view.height_m, slant=_slant(panel)), 0.0)
 
 
 LIGHT_PARTS: dict[Effect, Callable[[LitScene, _Panel, _ThinAir], Light]] = {
@@ -448,12 +357,12 @@ RadianceOfSky = Callable[[FloatArray, FloatArray], FloatArray]
 
 # Steps over the hemisphere in the search of the largest pBRDF.
 _ZENITHS, _AZIMUTHS = 46, 31
-# Digits of an angle [rad] to which views are one.
+# Digits of the view on that grid [rad].
 _DIGITS = 2
 
 
 def _reflected(scene: LitScene, panel: _Panel, thin: _ThinAir, sky: RadianceOfSky) -> Light:
-    """Return the most that a level panel reflects of a sky to any of its views; no limit is known of a tilted one.
+    """Return the most that a level panel reflects of a sky to its view; no limit is known of a tilted one.
 
     Of light of any polarization a surface reflects at most f0 = F00 + |(F01, F02)|, and as polarised light at most fp =
     |(F10, F20)| + the norm of the rest of F, which an unpolarized diffuse term has not. Summed over a grid of
@@ -463,24 +372,21 @@ def _reflected(scene: LitScene, panel: _Panel, thin: _ThinAir, sky: RadianceOfSk
     """
     if panel.tilt.tilt_rad != 0.0:
         return _ANY_LIGHT
-    sun_zenith_rad, found = float(np.arccos(thin.mu)), np.zeros(2)
-    views = {(round(one.zenith_rad, _DIGITS), round(scene.sun_azimuth_rad - one.azimuth_rad, 2)) for one in panel.views}
+    sun_zenith_rad, view = float(np.arccos(thin.mu)), panel.view
+    angle, off_rad = (round(one, _DIGITS) for one in (view.zenith_rad, scene.sun_azimuth_rad - view.azimuth_rad))
     near = panel.surface.slope_rms * np.linspace(-3.0, 3.0, 13)
-    grid = [np.linspace(0.0, 0.5 * np.pi - 1e-3, _ZENITHS), *(angle + near for angle, _ in views)]
+    grid = [np.linspace(0.0, 0.5 * np.pi - 1e-3, _ZENITHS), angle + near]
     zenith = np.unique(np.clip(np.concatenate(grid), 0.0, 0.5 * np.pi - 1e-6))[:, np.newaxis]
     azimuth = np.concatenate([np.linspace(0.0, np.pi, _AZIMUTHS), np.pi - np.abs(near)])
     azimuth = np.unique(np.clip(azimuth, 0.0, np.pi))
-    for angle in {one for one, _ in views}:
-        reflectance = _most_reflected(mueller(zenith, angle, azimuth, surface=panel.surface)) * np.cos(zenith)
-        for off_rad in (off for one, off in views if one == angle):
-            both_sides = np.zeros(())
-            for side in (azimuth, -azimuth):
-                toward = np.cos(zenith) * thin.mu + np.sin(zenith) * np.sin(sun_zenith_rad) * np.cos(side - off_rad)
-                scattering = np.arccos(np.clip(toward, -1.0, 1.0))
-                both_sides = both_sides + sky(np.broadcast_to(zenith, scattering.shape), scattering)
-            rows = _sum(reflectance * both_sides, azimuth)
-            found = np.maximum(found, _sum(rows * np.sin(zenith[:, 0]), zenith[:, 0]))
-    return Light(*(_MISSED * found).tolist())
+    reflectance = _most_reflected(mueller(zenith, angle, azimuth, surface=panel.surface)) * np.cos(zenith)
+    both_sides = np.zeros(())
+    for side in (azimuth, -azimuth):
+        toward = np.cos(zenith) * thin.mu + np.sin(zenith) * np.sin(sun_zenith_rad) * np.cos(side - off_rad)
+        scattering = np.arccos(np.clip(toward, -1.0, 1.0))
+        both_sides = both_sides + sky(np.broadcast_to(zenith, scattering.shape), scattering)
+    rows = _sum(reflectance * both_sides, azimuth)
+    return Light(*(_MISSED * _sum(rows * np.sin(zenith[:, 0]), zenith[:, 0])).tolist())
 
 
 def _most_reflected(mueller: FloatArray) -> FloatArray:
@@ -607,14 +513,13 @@ class _ThinAir:
         as it reaches the camera's height, times the larger phase function of molecules and aerosol; what was
         scattered out of the beam, times that function within 30 deg; and 2 times the actinic flux of all other light.
         """
-        height_m, found = panel.views[0].height_m, np.zeros(len(panel.views))
-        slant = 1.0 / np.cos([view.zenith_rad for view in panel.views])
+        height_m, slant, found = panel.view.height_m, _slant(panel), np.zeros(())
         for part in self.slices if height_m > 0.0 else ():
             above = min(float(column.tau_above(height_m)) for column in (part.thick, part.thin))
             below = part.depth - float(part.thick.tau_above(height_m))
             beam = part.outside * np.exp(-above / self.mu) * _phase(part.asymmetries, scattering_rad)
             found = found + (beam + self.rest_of(part, scattering_rad)) * -np.expm1(-below * slant)
-        return float(_ROOM / (4.0 * np.pi) * np.max(found))
+        return float(_ROOM / (4.0 * np.pi) * found)
 
     def mixed_in(self, *, height_m: float, slant: float) -> float:
         """Return the largest share of the light of wide surroundings that air scatters into a line of sight, 0 to 1."""
@@ -723,29 +628,28 @@ def radiance_bounds(scene: LitScene, region: LitRegion, light: LightLimits) -> R
     """Return the limits of a region.
 
     Light of sky and path adds to every channel, so that what the beam alone gives is a lower limit; noise grows with
-    the light. Drift, falloff and scatter of angles widen the limits. Drift by d mixes Stokes parameters by W diag(f) M
+    the light. Drift and scatter of angles widen the limits. Drift by d mixes Stokes parameters by W diag(f) M
     - 1, at most d / 2 times the condition of M.
     """
     sensor, readout, session = scene.sensor, scene.readout, scene.imperfections
     scale = sensor.noise.gain_dn_per_e * electrons_per_radiance(sensor) * sensor.tau_parallel
-    least, most = (scale * factor for factor in _factors(scene, region))
+    least, most = (scale * (1.0 + sign * 0.5 * abs(session.drift)) for sign in (-1.0, 1.0))
     low, high = _signals(scene, light, least, most)
     plan = design(readout.angles_rad, readout.extinction_ratio)
     variance_low, variance_high = (
         temporal_variance_dn2(one, noise=sensor.noise, exposure_s=sensor.exposure_s) for one in (low, high)
     )
     noise_low, noise_high = (_of_channels(plan.inverse, one) for one in (variance_low, variance_high))
-    s0_high = most * (light.s0_high + light.added)
+    s0, s0_high = float(light.beam[0]), most * (float(light.beam[0]) + light.added)
     texture = _texture_high(region, light, s0_high=s0_high, scale=scale)
-    over_field = _over_field(scene, region, light, s0_high=s0_high)
-    turned = noise_high + over_field + _scatter_high(scene, texture, plan.inverse, s0_high)
+    turned = noise_high + _scatter_high(scene, texture, plan.inverse, s0_high)
     apart = _apart_high(region, light, texture, s0_high=s0_high, scale=scale)
     return RegionBounds(
         region=region,
-        s0_low=least * light.s0_low,
+        s0_low=least * s0,
         s0_high=s0_high,
-        polarised_low=least * session.kept_polarization * max(light.polarised_low - light.added, 0.0),
-        polarised_high=min(most * (light.polarised_high + light.added), s0_high),
+        polarised_low=least * session.kept_polarization * max(light.polarised - light.added, 0.0),
+        polarised_high=min(most * (light.polarised + light.added), s0_high),
         signal_low=low,
         variance_low=variance_low,
         inverse=plan.inverse,
@@ -758,21 +662,12 @@ def radiance_bounds(scene: LitScene, region: LitRegion, light: LightLimits) -> R
     )
 
 
-def _factors(scene: LitScene, region: LitRegion) -> tuple[float, float]:
-    """Least and largest share of the light on the axis that arrives, with drift and falloff."""
-    session = scene.imperfections
-    least, most = 1.0 - 0.5 * abs(session.drift), 1.0 + 0.5 * abs(session.drift)
-    if session.off_axis_falloff and region.part is not None:
-        least *= cosine_fourth(region.part).mean
-    return least, most
-
-
 def _signals(scene: LitScene, light: LightLimits, least: float, most: float) -> tuple[FloatArray, FloatArray]:
     """Least and largest mean of each channel, (N,) each, of so many counts per radiance."""
     sensor, kept = scene.sensor, scene.imperfections.kept_polarization
     rows = analyzer_row(scene.readout.angles_rad, 1.0, sensor.tau_perpendicular / sensor.tau_parallel)
     weakened = rows * np.array([1.0, kept, kept])
-    beams = np.concatenate([light.beams @ rows.T, light.beams @ weakened.T])
+    beams = np.stack([rows @ light.beam, weakened @ light.beam])
     return least * np.maximum(beams.min(axis=0), 0.0), most * (beams.max(axis=0) + light.added)
 
 
@@ -813,15 +708,6 @@ def _texture_high(region: LitRegion, light: LightLimits, *, s0_high: float, scal
     common = 2.0 * (region.texture_rms * s0_high) ** 2 * np.eye(3)
     own = np.diag(np.square(region.texture_diagonal)) * s0_high**2
     return np.asarray(common + own + scale**2 * region.texture_cov)
-
-
-def _over_field(scene: LitScene, region: LitRegion, light: LightLimits, *, s0_high: float) -> FloatArray:
-    """Upper bound of the covariance over the field of view, by geometry and by the lens."""
-    if not np.isfinite(s0_high * light.deviation):
-        return np.full((3, 3), np.inf)
-    lens = scene.imperfections.off_axis_falloff and region.part is not None
-    var = cosine_fourth(region.part).var if lens and region.part is not None else 0.0
-    return np.asarray(s0_high**2 * (light.deviation + np.sqrt(2.0 * var)) ** 2 * np.eye(3))
 
 
 def _apart_high(
@@ -1074,6 +960,5 @@ def _divergence(share: float) -> float:
 
 _BOUNDS: Mapping[Effect, Callable[[LitScene, RegionBounds, LightLimits], Disturbance]] = {
     **{effect: _added_by(effect) for effect in LIGHT_PARTS},
-    Effect.FIELD_OF_VIEW: _field_of_view,
     Effect.WAVELENGTHS: _wavelengths,
 }
