@@ -237,7 +237,6 @@ _LOBE, _DIFFUSE = (7, 10), 8
 _OF_DIFFERENCE, _OF_ALL = 2.0, 0.03
 # Of the statistics, whose error is all but the same with and without the sky.
 _STATISTICS = 1e-5
-_NOTHING = np.zeros(2)
 _COARSE_LAYERS = replace(STANDARD_SETTINGS, fine_layers=False)
 # Nodes over the ground's hemisphere, of zenith angles and of half a turn; and wavelengths of a band that is not narrow.
 _NODES, _WAVELENGTHS = 8, 4
@@ -256,24 +255,22 @@ def skylight_bound(scene: LitScene, limits: Mapping[str, LightLimits]) -> Bound 
         return None
     once, off = _reflected_once(scene)
     bare = {region.name: limits[region.name].beam for region in scene.regions}
-    lit = {name: beam + once.get(name, 0.0) for name, beam in bare.items()}
+    lit = {name: beam + once[name] for name, beam in bare.items()}
     both = [_with_radiances(scene, one) for one in (lit, bare)]
     known = change(*(one.readings for one in evaluate_all(both, _coarsest(scene), store=LightStore())))
     rest = Bound()
     for region in scene.regions:
-        rest = rest.worse(_rest(scene, region, limits[region.name], off.get(region.name, _NOTHING)))
+        rest = rest.worse(_rest(scene, region, limits[region.name], off[region.name]))
     total = known + rest
     return total.times(1.0 / (1.0 - total.largest)) if total.largest < 0.5 else None
 
 
 def _is_known(scene: LitScene, region: LitRegion, light: LightLimits) -> bool:
-    if region.surface is None:
-        return True
     return (
-        region.part is None
+        region.surface is not None
+        and region.part is None
         and not any(region.texture_diagonal)
         and scene.source == "total"
-        and scene.air is not None
         and light.depth > NEXT_TO_NONE
         and bool(np.isfinite(light.again.s0 + light.added))
     )
@@ -293,8 +290,6 @@ def _coarsest(scene: LitScene) -> Settings:
 
 def _rest(scene: LitScene, region: LitRegion, light: LightLimits, off: FloatArray) -> Bound:
     """Bound of all that is not known: light scattered again, what the rules miss, and path and surroundings twice."""
-    if region.surface is None:
-        return Bound()
     bounds = radiance_bounds(scene, region, light)
     beside = light.but_for(Effect.SKYLIGHT).added
     total = light.again.s0 + float(off[0]) + beside

@@ -54,7 +54,6 @@ class LightLimits:
     again: Light = _ANY_LIGHT  #: most that the sky adds by light that air scattered at least twice
     depth: float = np.inf  #: optical depth of all air, and of the air below the camera
     depth_below: float = np.inf
-    texture: FloatArray | None = None  #: its covariance; None where it is that of a material
 
     @property
     def polarised(self) -> float:
@@ -87,13 +86,11 @@ class Disturbance:
 
 
 def light_limits(scene: LitScene) -> dict[str, LightLimits]:
-    """Return the limits of each region's light on the axis, without solving anything."""
-    found = {one.name: _given_light(one, one.radiance) for one in scene.regions if one.radiance is not None}
-    materials = [one for one in scene.regions if one.surface is not None]
-    if not materials or scene.air is None:
-        return found
+    """Return the limits of each region's light on the axis, without solving anything; of materials under thin air."""
+    if scene.air is None:
+        raise ValueError("light_limits: the scene has no air")
     thin, lighting = _ThinAir.of(scene.air), _beam_lighting(scene.air)
-    return found | {one.name: _sun_light(scene, one, lighting, thin) for one in materials}
+    return {one.name: _sun_light(scene, one, lighting, thin) for one in scene.regions}
 
 
 def effect_bounds(
@@ -137,11 +134,17 @@ _WITH_BEAM = ("total", "reflected", "reflected_sun")
 _POWER = 4.2
 
 
-def is_thin(air: Air) -> bool:
-    """Return whether air is so thin, and so well known, that bounds of its light are of use."""
-    if air.alternative is not None or air.state is None or air.fidelity is Fidelity.ANALYTIC:
+def is_bounded(scene: LitScene) -> bool:
+    """Return whether bounds are looked for: of materials without an extent under air that is thin and well known.
+
+    In thick air the sky alone may add a tenth of the beam's light, and no bound is of use beside it. Over a field the
+    light is not known without computing it.
+    """
+    air = scene.air
+    if air is None or air.alternative is not None or air.state is None or air.fidelity is Fidelity.ANALYTIC:
         return False
-    return _ThinAir.of(air).depth < _THIN
+    is_simple = all(one.surface is not None and one.part is None for one in scene.regions)
+    return is_simple and _ThinAir.of(air).depth < _THIN
 
 
 _NOTHING = Disturbance()
@@ -163,8 +166,8 @@ def _wavelengths(scene: LitScene, region: RegionBounds, light: LightLimits) -> D
     of slant depth x, changes by 4.2 x per relative wavelength and its curvature is at most 4.2 x (4.2 x + 5); weighted
     by the beam, whose own slope is at most K, it misses 4.2 x (4.2 x + 5 + 2 K) v / 2 of what is reflected.
     """
-    if region.region.surface is None or scene.air is None or scene.view is None:
-        return _NOTHING
+    if scene.air is None or scene.view is None:
+        return _UNKNOWN
     air = scene.air
     slant = 1.0 / np.cos(scene.view.zenith_rad)
     steepness = _steepness(air, light.depth, slant)
@@ -232,12 +235,6 @@ def _relative_variance(air: Air) -> float:
     mean = float(shares @ inverse / np.sum(shares))
     variance = float(shares @ (inverse / mean - 1.0) ** 2 / np.sum(shares))
     return variance * float((mean / np.min(inverse[shares > 0.0])) ** 2)
-
-
-def _given_light(region: LitRegion, radiance: FloatArray) -> LightLimits:
-    """Limits of a region whose radiance is given."""
-    stokes = np.asarray(radiance, dtype=np.float64)
-    return LightLimits(beam=stokes, texture=region.texture_rms**2 * np.outer(stokes, stokes) + region.texture_cov)
 
 
 def _beam_lighting(air: Air) -> Lighting:
@@ -641,7 +638,7 @@ def radiance_bounds(scene: LitScene, region: LitRegion, light: LightLimits) -> R
     )
     noise_low, noise_high = (_of_channels(plan.inverse, one) for one in (variance_low, variance_high))
     s0, s0_high = float(light.beam[0]), most * (float(light.beam[0]) + light.added)
-    texture = _texture_high(region, light, s0_high=s0_high, scale=scale)
+    texture = _texture_high(region, s0_high=s0_high, scale=scale)
     turned = noise_high + _scatter_high(scene, texture, plan.inverse, s0_high)
     apart = _apart_high(region, light, texture, s0_high=s0_high, scale=scale)
     return RegionBounds(
@@ -695,13 +692,11 @@ def _share_of(part: FloatArray, whole: FloatArray) -> float:
     return float(max(np.linalg.eigvalsh(relative)[-1], 0.0))
 
 
-def _texture_high(region: LitRegion, light: LightLimits, *, s0_high: float, scale: float) -> FloatArray:
-    """Upper bound of the texture's covariance, as it is known or as the light allows.
+def _texture_high(region: LitRegion, *, s0_high: float, scale: float) -> FloatArray:
+    """Upper bound of the texture's covariance, as the light allows.
 
     A factor common to a vector R has the covariance t^2 R R', at most t^2 |R|^2 <= 2 t^2 S0^2 along any direction.
     """
-    if light.texture is not None:
-        return scale**2 * light.texture
     if not np.isfinite(s0_high):
         is_there = region.texture_rms > 0.0 or any(region.texture_diagonal) or bool(np.any(region.texture_cov))
         return np.full((3, 3), np.inf) if is_there else np.zeros((3, 3))
@@ -717,12 +712,10 @@ def _apart_high(
 
     What path and surroundings add has no texture: the factor of the rest is off the whole by no more than is added.
     """
-    if region.radiance is not None:
-        return np.asarray(scale**2 * region.texture_cov + np.diag(np.square(region.texture_diagonal)) * s0_high**2)
-    if light.texture is not None or not np.isfinite(s0_high):
+    if not np.isfinite(s0_high):
         return texture
     untextured = 2.0 * (region.texture_rms * scale * light.added) ** 2 * np.eye(3)
-    return _texture_high(replace(region, texture_rms=0.0), light, s0_high=s0_high, scale=scale) + untextured
+    return _texture_high(replace(region, texture_rms=0.0), s0_high=s0_high, scale=scale) + untextured
 
 
 def _scatter_high(scene: LitScene, texture: FloatArray, inverse: FloatArray, s0_high: float) -> FloatArray:

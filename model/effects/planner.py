@@ -135,12 +135,10 @@ def _of_light(
     scene: LitScene, tolerance: float, forced: Mapping[Effect, bool], sharper: SharperBound | None
 ) -> tuple[dict[Effect, Decision], Bound]:
     """Decisions on the effects of the light that are there, and the sum of the bounds of those that are left out."""
-    from model.effects.bounds import effect_bounds, is_thin, light_limits
+    from model.effects.bounds import effect_bounds, is_bounded, light_limits
 
     there = [effect for effect in Effect if effect in LIGHT and EFFECTS[effect].is_stated(scene)]
-    if not there or scene.air is None or not is_thin(scene.air) or _has_extents(scene):
-        # Thick air: the sky alone may add a tenth of the beam's light, and no bound is of use beside it. Over a field
-        # the light is not known without computing it.
+    if not there or not is_bounded(scene):
         unknown = dict.fromkeys(there, EVERYTHING)
         return _decided(unknown, unknown, Bound(), forced, tolerance)[0], Bound()
     # Noise that is left out by request hides nothing of what the light changes.

@@ -43,10 +43,3 @@ def test_no_bound_is_known_of_thick_air_or_over_a_field():
     for name in ("twilight", "roof-3m"):
         scene = of_example(name)
         assert skylight_bound(scene, light_limits(scene)) is None
-
-
-def test_a_region_of_given_radiance_hides_nothing_of_the_others():
-    lamp = of_example("lamp")
-    first = replace(lamp.regions[0], surface=None, tilt=None, radiance=np.array([1e-3, 1e-4, 0.0]))
-    scene = replace(lamp, regions=(first, *lamp.regions[1:]), pairs=())
-    assert skylight_bound(scene, light_limits(scene)).holds(truth(scene))
