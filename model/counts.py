@@ -1,17 +1,23 @@
 """The law of a count: a normal signal, rounded to a whole number and clipped at both ends of the range.
 
 A camera adds photons, electrons of its readout and a black level, multiplies by its gain, rounds, and stores numbers
-from 0 to full scale. Before rounding the sum is normal from about ten electrons on. This module alone treats rounding
-and clipping: `rounded_moments` predicts mean and variance of counts from those of the signal, `estimate_signal`
-estimates the signal from counts and tests the law.
+from 0 to full scale. Before rounding the sum is normal from about ten electrons on. This module alone treats rounding,
+clipping and hits:
+
+- `rounded_moments` predicts mean and variance of counts from those of the signal; functions named `*_error_rms` give
+  the errors that rounding leaves in means and variances.
+- `estimate_signal` estimates the signal from counts and tests the law.
+- `hit_limit` tells which counts the law does not allow: cosmic rays, jumping pixels, defects. `find_hits` and
+  `find_single_hits` search a region for them.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.numerics import gammainc, ndtr
+from model.numerics import gammainc, ndtr, ndtri
 
 FloatArray = NDArray[np.float64]
 
@@ -68,6 +74,38 @@ def rounding_error_rms(std_dn: ArrayLike) -> FloatArray:
     return np.asarray(np.sqrt(0.5 * np.sum((damped / (np.pi * _MANY)) ** 2, axis=-1)))
 
 
+def variance_error_rms(var_dn2: FloatArray, spread_dn2: FloatArray) -> FloatArray:
+    """Return the rms error of the variance from frame to frame beyond 1/12, over all places, by the first harmonic."""
+    decay = np.exp(-2.0 * np.pi**2 * (var_dn2 + spread_dn2))
+    return np.asarray((4.0 * var_dn2 + 1.0 / np.pi**2) * decay / np.sqrt(2.0))
+
+
+def spread_error_rms(var_dn2: FloatArray, spread_dn2: FloatArray) -> FloatArray:
+    """Return the rms error of the variance of the level over the pixels, over all places, by the first harmonic.
+
+    The slope of the shift pushes unequal pixels together or apart: twice the covariance of level and shift, by Stein's
+    lemma.
+    """
+    return np.asarray(np.sqrt(8.0) * spread_dn2 * np.exp(-2.0 * np.pi**2 * (var_dn2 + spread_dn2)))
+
+
+_HALVINGS = 30
+
+
+def least_variance(measured_dn2: FloatArray, spread_dn2: FloatArray) -> FloatArray:
+    """Return the least variance before rounding that can give a measured one.
+
+    With a mean half-way between two counts, small noise is measured too large by up to its rounding error, and would
+    suggest a dither that does not exist. The largest measured variance grows with the noise; bisection finds the root.
+    """
+    low, high = np.zeros_like(measured_dn2), np.maximum(measured_dn2, 0.0)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        largest = middle + ROUNDING_VAR_DN2 + np.sqrt(2.0) * variance_error_rms(middle, spread_dn2)
+        low, high = np.where(largest < measured_dn2, middle, low), np.where(largest < measured_dn2, high, middle)
+    return low
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SignalEstimate:
     """Mean of the signal behind counts, by maximum likelihood.
@@ -99,7 +137,7 @@ class SignalEstimate:
 _STEPS, _LEAST_COUNTS, _TINY = 60, 3, 1e-280
 
 
-def estimate_signal(counts: NDArray[np.integer], *, highest: int) -> SignalEstimate | None:
+def estimate_signal(counts: NDArray[np.integer], *, highest: int, hit: float = 0.0) -> SignalEstimate | None:
     """Return mean and deviation of the normal signal behind counts; None if the counts do not determine them.
 
     Parameters
@@ -108,6 +146,8 @@ def estimate_signal(counts: NDArray[np.integer], *, highest: int) -> SignalEstim
         Of one level of light, any shape; for 0 and `highest` the signal lies there or beyond.
     highest
         Count at the upper end of the range, > 0.
+    hit
+        Share of the counts that are expected off the law because they were hit.
 
     Notes
     -----
@@ -135,7 +175,7 @@ def estimate_signal(counts: NDArray[np.integer], *, highest: int) -> SignalEstim
         mean_dn=mean,
         std_dn=std,
         at_ends=number[[0, -1]] / total,
-        misfit=_misfit(number, total * share),
+        misfit=_misfit(number, total * share, total * hit),
         is_tested=kinds.size > _LEAST_COUNTS,
         stands_for=mean + influence,
     )
@@ -145,15 +185,17 @@ def estimate_signal(counts: NDArray[np.integer], *, highest: int) -> SignalEstim
 _LEAST_EXPECTED, _CHANCE, _UNLIKELY = 5.0, 4.0, 1e-5
 
 
-def _misfit(number: FloatArray, expected: FloatArray) -> float:
+def _misfit(number: FloatArray, expected: FloatArray, hit: float) -> float:
     often = expected >= _LEAST_EXPECTED
     for at_end, lawful in zip(number[[0, -1]], expected[[0, -1]], strict=True):
         # Not clipped by noise.
         if lawful < _LEAST_EXPECTED and at_end > 0.0 and float(gammainc(at_end, lawful)) < _UNLIKELY:
             return float(np.inf)
     apart = number[often] - expected[often]
-    rest = float(np.sum(number[~often]) - np.sum(expected[~often]))
-    squares = float(np.sum(apart**2 / expected[often])) + rest**2 / max(float(expected[~often].sum()), _LEAST_EXPECTED)
+    rare = float(np.sum(expected[~often])) + hit
+    squares = float(np.sum(apart**2 / expected[often])) + (float(np.sum(number[~often])) - rare) ** 2 / max(
+        rare, _LEAST_EXPECTED
+    )
     freedom = max(float(often.sum()) - 2.0, 0.0)
     return max(squares - freedom - _CHANCE * float(np.sqrt(2.0 * freedom)), 0.0) / float(number.sum())
 
@@ -172,3 +214,146 @@ def _law(mean: float, std: float, highest: int) -> tuple[FloatArray, FloatArray]
     # If the share underflows the count is an outlier with its own place.
     off = ((np.arange(highest + 1.0) - mean) / std)[:, None]
     return share, np.where(share[:, None] > _TINY, scores, np.concatenate([off, off**2 - 1.0], axis=1) / std)
+
+
+# Beyond so many deviations a count is a hit: a normal law has one in 5e8.
+HIT_SIGMA = 6.0
+# Most counts are not hit: this share of them gives a first deviation, and those within the limit the next ones.
+_BULK, _PASSES = 0.8, 3
+# Least numbers for a deviation of their own, and how many levels of light have one.
+_LEAST_OF_LEVEL, _MOST_LEVELS = 512, 8
+
+
+def hit_limit(off: FloatArray, level: FloatArray | None = None, *, least: float = 0.0) -> float:
+    """Return how far off a count has to be to be a hit: six deviations of the noise where the light is brightest.
+
+    One limit for all, as one that grows with the light would leave out more of the dark pixels and shift the mean.
+
+    Parameters
+    ----------
+    off
+        What counts are off the value that is expected, shape (..., P).
+    level
+        Light of each pixel, shape (P,), since noise grows with light; none if all have the same.
+    least
+        Smallest deviation that noise and rounding may have.
+    """
+    parts: Sequence[NDArray[np.intp] | slice] = (slice(None),)
+    if level is not None:
+        parts = np.array_split(np.argsort(level), min(max(off.size // _LEAST_OF_LEVEL, 1), _MOST_LEVELS))
+    return HIT_SIGMA * max(least, *(_deviation_of_most(off[..., part]) for part in parts))
+
+
+def _deviation_of_most(off: FloatArray) -> float:
+    size = np.abs(off)
+    std = float(np.quantile(size, _BULK)) / float(ndtri(0.5 + 0.5 * _BULK)) or float(np.sqrt(np.mean(size**2)))
+    for _ in range(_PASSES):
+        std = float(np.sqrt(np.mean(np.square(size[size <= HIT_SIGMA * std]))))
+    return std
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hits:
+    """Pixels of a region that something else than light has hit in single frames.
+
+    Hits too small to be found stay: those hardly larger than the limit tell how many there are.
+    """
+
+    pixels: NDArray[np.bool_]  #: shape (P,)
+    limits: FloatArray  #: smallest hit that is found at each angle, shape (N,)
+    small: FloatArray  #: share of the counts of each angle that smaller ones have hit
+    small_error: FloatArray  #: its standard error, by the Poisson law and for the law of their sizes
+
+    # Means of sizes from 0 to the limit, and of their squares.
+
+    @property
+    def mean(self) -> FloatArray:
+        """Mean of the small hits [unit of the pixels]."""
+        return 0.5 * self.limits
+
+    @property
+    def square(self) -> FloatArray:
+        """Mean square of the small hits."""
+        return self.limits**2 / 3.0
+
+
+# Noise that reaches far does so to both sides. A larger share of the counts is not hit: the scene moves.
+_ONE_SIDED, _MOST_HIT = 4.0, 0.1
+# A share of the limit is far. Where more than so many lie far below their neighbours, edges and texture do, and what
+# lies above is no hit.
+_FAR, _MOST_FAR = 0.5, 0.004
+# Relative error of the guess that hits too small to be found are as many as those hardly larger.
+_GUESS = 0.3
+# Smallest deviation of counts by noise and rounding [counts].
+_LEAST_STD_DN = 0.5
+
+
+def find_hits(pixels: FloatArray, *, step: float = 1.0) -> Hits | None:
+    """Return the pixels of a region that repeats show to be hit in single frames; None where there are none.
+
+    Parameters
+    ----------
+    pixels
+        Cycles, angles, pixels, shape (C, N, P), C >= 2.
+    step
+        One count in the unit of the pixels.
+
+    Notes
+    -----
+    A pixel of a frame is compared with the mean of its repeats, after the median of the region is subtracted from each
+    frame. A cosmic ray or a pixel that jumps is above. Two repeats are equally far from their mean: there their sum
+    decides.
+    """
+    cycles, angles, count = pixels.shape
+    even = pixels - np.median(pixels, axis=2, keepdims=True)
+    light = np.median(even.reshape(-1, count), axis=0)
+    high, low = np.zeros((2, angles, count), dtype=np.bool_)
+    size, limits = np.zeros((angles, count)), np.zeros(angles)
+    for angle in range(angles):
+        level = even[:, angle]
+        off = (level - level.mean(axis=0)) * (cycles / (cycles - 1.0))
+        limits[angle] = hit_limit(off, light, least=_LEAST_STD_DN * step)
+        farthest = np.take_along_axis(off, np.argmax(np.abs(off), axis=0)[None], axis=0)[0]
+        above = farthest > 0.0 if cycles > 2 else level.sum(axis=0) > 0.0
+        size[angle] = np.abs(farthest)
+        high[angle], low[angle] = (size[angle] > limits[angle]) & above, (size[angle] > limits[angle]) & ~above
+    return _hits(high, low, size, limits, cycles)
+
+
+def find_single_hits(residual: FloatArray, light: FloatArray, *, step: float = 1.0) -> Hits | None:
+    """Return the pixels that neighbours show to be hit at one angle; None where there are none.
+
+    Parameters
+    ----------
+    residual
+        Difference of each pixel and its neighbours, angles and pixels, shape (N, P), N >= 2.
+    light
+        Median of the neighbours, shape (N, P).
+    step
+        One count in the unit of the pixels.
+    """
+    limits = np.array([hit_limit(*both, least=_LEAST_STD_DN * step) for both in zip(residual, light, strict=True)])
+    off = residual / limits[:, None]
+    if np.mean(off < -_FAR) > _MOST_FAR:
+        return None
+    # Light that stands out does so behind most angles.
+    single = np.sum(np.abs(off) > _FAR, axis=0) <= len(off) // 2
+    return _hits((off > 1.0) & single, (off < -1.0) & single, residual, limits, 1)
+
+
+def _hits(
+    high: NDArray[np.bool_], low: NDArray[np.bool_], size: FloatArray, limits: FloatArray, cycles: int
+) -> Hits | None:
+    """Return hits; those up to twice the limit tell how many are below it, by an exponential law of their sizes."""
+    above, below = int(high.sum()), int(low.sum())
+    if above <= below + _ONE_SIDED * np.sqrt(above + below) or above > _MOST_HIT * cycles * high.size:
+        return None
+    small = np.sum(high & (size < 2.0 * limits[:, None]), axis=1)
+    small = small / max(1.0 - float(small.sum()) / above, 0.5)
+    counts = cycles * high.shape[1]
+    return Hits(
+        pixels=np.any(high | low, axis=0),
+        limits=limits,
+        small=small / counts,
+        small_error=np.sqrt(small + (_GUESS * small) ** 2) / counts,
+    )

@@ -5,7 +5,6 @@ pixels that are independent of each other; `effective_pixels` counts how many in
 
 - `repeated` and `RunningPixels` take the cycles of a region. Means that differ from cycle to cycle by more than the
   noise of the pixels have an error of their own (`Repeatability`); light that drifts is divided out.
-- `find_hits` and `find_single_hits` find pixels that a cosmic ray or a jumping offset has hit in single frames.
 - `estimate_texture` gives the spread of the light over the pixels: the spread of the pixels less the noise.
 - `check_dolp_distribution` compares the DoLP of pixels with the law that follows from their moments.
 """
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.moments import Moments
-from model.numerics import gammaincc, ndtri
+from model.numerics import gammaincc
 from model.processing import dolp
 from model.stokes import dolp as degree_of_polarization
 
@@ -341,108 +340,6 @@ class RunningPixels:
             image[self._inside] = values
             worth.append(effective_pixels(image, self._inside))
         return values.size / worth[0], values.size / worth[1]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Hits:
-    """Pixels of a region that something else than light has hit in single frames.
-
-    Hits too small to be found stay: those hardly larger than the limit tell how many there are.
-    """
-
-    pixels: NDArray[np.bool_]  #: shape (P,)
-    left: FloatArray  #: what small hits leave in the mean of each angle, shape (N,)
-    left_error: FloatArray  #: its standard error, by the Poisson law and for the guess that small hits are as many
-    left_var: FloatArray  #: what they leave in the variance of the pixels of one frame
-    left_var_error: FloatArray
-
-
-# Chance that any of the numbers of a region is taken for hit although nothing was.
-_FALSE_HIT = 0.01
-# Noise that reaches far does so to both sides. More pixels than this share are not hits: the scene moves.
-_ONE_SIDED, _MOST_HIT = 4.0, 0.3
-# Where more than this share lies far below its neighbours, edges and texture do, and what lies above is no hit.
-_FAR, _MOST_FAR = 3.0, 0.004
-# Relative error of the guess that hits too small to be found are as many as those hardly larger.
-_GUESS = 0.3
-# This share of the deviations tells their scale: most are not hit, and counts of few steps still differ.
-_BULK = 0.8
-
-
-def find_hits(pixels: FloatArray) -> Hits | None:
-    """Return the pixels of a region that repeats show to be hit in single frames; None where there are none.
-
-    Parameters
-    ----------
-    pixels
-        Cycles, angles, pixels, shape (C, N, P), C >= 2.
-
-    Notes
-    -----
-    A pixel of a frame is compared with the mean of its repeats, after the median of the region is subtracted from each
-    frame. A cosmic ray or a pixel that jumps is above. Two repeats are equally far from their mean: there their sum
-    decides.
-    """
-    cycles, angles, count = pixels.shape
-    if cycles < 2:
-        return None
-    limit = -float(ndtri(0.5 * _FALSE_HIT / pixels.size))
-    high, low = np.zeros((2, angles, count), dtype=np.bool_)
-    small, scales = np.zeros(angles, dtype=np.intp), np.zeros(angles)
-    for angle in range(angles):
-        level = pixels[:, angle] - np.median(pixels[:, angle], axis=1, keepdims=True)
-        off = (level - level.mean(axis=0)) * (cycles / (cycles - 1.0))
-        scales[angle] = np.quantile(np.abs(off), _BULK) / float(ndtri(0.5 + 0.5 * _BULK))
-        farthest = np.take_along_axis(off, np.argmax(np.abs(off), axis=0)[None], axis=0)[0]
-        above = farthest > 0.0 if cycles > 2 else level.sum(axis=0) > 0.0
-        far = np.abs(farthest) > limit * scales[angle]
-        high[angle], low[angle] = far & above, far & ~above
-        small[angle] = np.sum(high[angle] & (np.abs(farthest) < 2.0 * limit * scales[angle]))
-    if not np.all(scales > 0.0):
-        return None
-    return _hits(high, low, small, limit * scales, cycles * count)
-
-
-def find_single_hits(residual: FloatArray) -> Hits | None:
-    """Return the pixels that neighbours show to be hit at one angle; None where there are none.
-
-    Parameters
-    ----------
-    residual
-        Difference of each pixel and its neighbours, angles and pixels, shape (N, P), N >= 2.
-    """
-    count = residual.shape[1]
-    scale = np.quantile(np.abs(residual), _BULK, axis=1) / float(ndtri(0.5 + 0.5 * _BULK))
-    if not np.all(scale > 0.0):
-        return None
-    off = residual / scale[:, None]
-    if np.mean(off < -_FAR) > _MOST_FAR:
-        return None
-    limit = -float(ndtri(0.5 * _FALSE_HIT / off.size))
-    # Light that stands out does so behind most angles.
-    single = np.sum(np.abs(off) > 0.5 * limit, axis=0) <= len(off) // 2
-    high, low = (off > limit) & single, (off < -limit) & single
-    return _hits(high, low, np.sum(high & (off < 2.0 * limit), axis=1), limit * scale, count)
-
-
-def _hits(
-    high: NDArray[np.bool_], low: NDArray[np.bool_], small: NDArray[np.intp], limits: FloatArray, counts: int
-) -> Hits | None:
-    """Return hits; `small` of those above are hardly larger than the limit, and stand for as many that are below it."""
-    above, below = int(high.sum()), int(low.sum())
-    pixels = np.asarray(np.any(high | low, axis=0))
-    if above <= below + _ONE_SIDED * np.sqrt(above + below) or pixels.mean() > _MOST_HIT:
-        return None
-    number, error = small / counts, np.sqrt(small + (_GUESS * small) ** 2) / counts
-    # Means of sizes from 0 to the limit, and of their squares.
-    size, square = 0.5 * limits, limits**2 / 3.0
-    return Hits(
-        pixels=pixels,
-        left=number * size,
-        left_error=error * size,
-        left_var=number * square,
-        left_var_error=error * square,
-    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from model.counts import DITHERED_DN, ROUNDING_VAR_DN2, estimate_signal, rounded_moments, rounding_error_rms
+from model.counts import (
+    DITHERED_DN,
+    ROUNDING_VAR_DN2,
+    Hits,
+    estimate_signal,
+    find_hits,
+    find_single_hits,
+    rounded_moments,
+    rounding_error_rms,
+)
 from model.moments import Moments, propagate_linear
 from model.processing import dolp
 from model.processing.dolp_interval import aolp_limits_rad, dolp_intervals, is_polarized, student_intervals
@@ -28,15 +37,12 @@ from model.processing.maps import Float32Array, polarization_maps
 from model.processing.mosaic import Interpolation, deviation_inflation, mean_inflation, reach_px
 from model.processing.reconstruction import Design, aolp_moments_rad, channel_ratios, design, normalized_moments
 from model.processing.samples import (
-    Hits,
     Repeatability,
     RepeatedPixels,
     RunningPixels,
     Sample,
     deviation,
     effective_pixels,
-    find_hits,
-    find_single_hits,
     mean_moments,
     mean_over_deviation,
     region_mean_moments,
@@ -273,7 +279,7 @@ def _measured_region(
         values, own, signal, rounding, at_ends, hits = used
         error = np.hypot(error, rounding)
         if hits is not None:
-            error = np.hypot(error, hits.left_error)
+            error = np.hypot(error, hits.small_error * hits.mean)
         excluded = int(np.count_nonzero(mask) - np.count_nonzero(own)) - _number(hits)
         given = repeated(
             values,
@@ -312,33 +318,35 @@ _Cleaned = tuple[FloatArray, NDArray[np.bool_], FloatArray | None, FloatArray, t
 
 def _cleaned(name: str, pixels: FloatArray, inside: NDArray[np.bool_], frames: CorrectedFrames) -> _Cleaned:
     """Return pixels without those that were hit, and the signal behind them by the law of counts."""
-    hits = _hits(pixels, inside, is_mosaic=frames.run.session.cell_deg is not None)
-    kept = inside.copy()
+    hits = _hits(pixels, inside, frames)
+    kept, hit, left = inside.copy(), np.zeros(pixels.shape[1]), np.zeros((pixels.shape[1], 1))
     if hits is not None:
-        kept[inside] = ~hits.pixels
-        pixels = pixels[:, :, ~hits.pixels] - hits.left[:, None]
-    if not frames.are_counts:
-        return pixels, kept, None, np.zeros(pixels.shape[1]), (float(np.mean(frames.at_zero[kept])), 0.0), hits
-    return pixels, kept, *_signal_by_law(name, pixels, frames), hits
+        kept[inside], hit, left = ~hits.pixels, hits.small, (hits.small * hits.mean)[:, None]
+        pixels = pixels[:, :, ~hits.pixels]
+    signal, rounding, at_ends = None, np.zeros(hit.size), (float(np.mean(frames.at_zero[kept])), 0.0)
+    if frames.are_counts:
+        signal, rounding, at_ends = _signal_by_law(name, pixels, frames, hit)
+    return pixels - left, kept, None if signal is None else signal - left, rounding, at_ends, hits
 
 
-def _hits(pixels: FloatArray, inside: NDArray[np.bool_], *, is_mosaic: bool) -> Hits | None:
+def _hits(pixels: FloatArray, inside: NDArray[np.bool_], frames: CorrectedFrames) -> Hits | None:
     """Return the pixels of a region hit by particles, from repeats or, without them, from neighbours.
 
     In a mosaic of polarizers each angle has its own pixels, so an edge may look like a hit of one angle.
     """
+    step = float(frames.grid.to_unit.max())
     if len(pixels) > 1:
-        return find_hits(pixels)
-    if is_mosaic:
+        return find_hits(pixels, step=step)
+    if frames.run.session.cell_deg is not None:
         return None
     rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
     part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    residual = np.empty_like(pixels[0])
+    light = np.empty_like(pixels[0])
     for angle, values in enumerate(pixels[0]):
         image = np.full(inside[part].shape, np.median(values), dtype=np.float32)
         image[inside[part]] = values
-        residual[angle] = values - cv2.medianBlur(image, 5)[inside[part]]
-    return find_single_hits(residual)
+        light[angle] = cv2.medianBlur(image, 5)[inside[part]]
+    return find_single_hits(pixels[0] - light, light, step=step)
 
 
 # Share of counts at 0 that moves a mean by a tenth of its error, or more; and the share that leaves too little.
@@ -350,7 +358,7 @@ _MISFIT_ROUNDED, _MISFIT_CLIPPED = 1e-3, 0.03
 
 
 def _signal_by_law(
-    name: str, pixels: FloatArray, frames: CorrectedFrames
+    name: str, pixels: FloatArray, frames: CorrectedFrames, hit: FloatArray
 ) -> tuple[FloatArray | None, FloatArray, tuple[float, float]]:
     """Return the signal behind the counts of each angle, errors of the angles by rounding, and shares at both ends.
 
@@ -382,7 +390,7 @@ def _signal_by_law(
     for angle, top in enumerate(tops.tolist()):
         own, std = counts[:, angle].astype(np.int64), stds[angle]
         highest = top if at_top[angle] else int(own.max() + 6.0 * std + 10.0)
-        found = estimate_signal(own, highest=highest)
+        found = estimate_signal(own, highest=highest, hit=float(hit[angle]))
         most = _MISFIT_CLIPPED if max(at_zero[angle], at_top[angle]) > _CLIPPED else _MISFIT_ROUNDED
         is_lawful &= found is not None and found.misfit < most
         tested += found is not None and found.is_tested
@@ -479,22 +487,23 @@ def _without_small_hits(
 ) -> MeasuredQuantities:
     """Return numbers whose deviations are corrected for hits that are too small to be found."""
     found = {quantity: dict(statistics) for quantity, statistics in quantities.items()}
+    variance, error = hits.small * hits.square, hits.small_error * hits.square
     squares = np.concatenate([np.eye(len(channel_names)), inverse]) ** 2
     for quantity, row in zip((*channel_names, "s0", "s1", "s2"), squares, strict=True):
         for statistic, repeats in (("std", 1), ("std_temporal", 1), ("std_spatial_mean", cycles)):
             if statistic in found[quantity]:
-                less = float(row @ hits.left_var) / repeats, float(row @ hits.left_var_error) / repeats
+                less = float(row @ variance) / repeats, float(row @ error) / repeats
                 found[quantity][statistic] = _less(found[quantity][statistic], *less)
     if {"dolp_pixels", "s1n"} <= found.keys():
         normalized = np.array([found[name]["mean"].value for name in ("s1n", "s2n")])
         degree = float(np.hypot(*normalized))
         axis = normalized / degree if degree > 0.0 else np.array([1.0, 0.0])
         row = ((axis @ inverse[1:] - degree * inverse[0]) / found["s0"]["mean"].value) ** 2
-        before, error = found["dolp_pixels"]["std"], float(row @ hits.left_var_error)
-        after = found["dolp_pixels"]["std"] = _less(before, float(row @ hits.left_var), error)
+        before = found["dolp_pixels"]["std"]
+        after = found["dolp_pixels"]["std"] = _less(before, float(row @ variance), float(row @ error))
         if "dolp_snr" in found:
             ratio, snr = before.value / after.value, found["dolp_snr"]["mean"]
-            of_guess = 0.5 * snr.value * ratio * error / after.value**2
+            of_guess = 0.5 * snr.value * ratio * float(row @ error) / after.value**2
             both = float(np.hypot(snr.std_error * ratio, of_guess))
             found["dolp_snr"]["mean"] = replace(snr, value=snr.value * ratio, std_error=both)
     return found

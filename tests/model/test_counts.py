@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import norm
 
-from model.counts import estimate_signal, rounded_moments, rounding_error_rms
+from model.counts import estimate_signal, find_hits, find_single_hits, rounded_moments, rounding_error_rms
 
 
 @pytest.mark.parametrize("std", [0.3, 0.4, 0.5, 0.7, 1.3])
@@ -80,3 +80,48 @@ def test_counts_of_two_kinds_tell_of_no_deviation_and_two_lights_do_not_fit():
     assert estimate_signal(far, highest=255).misfit == np.inf
     two = np.concatenate([draws.normal(4.0, 3.0, 2000), draws.normal(34.0, 3.0, 2000)])
     assert estimate_signal(np.maximum(np.rint(two), 0.0).astype(int), highest=255).misfit > 0.1
+
+
+@pytest.mark.parametrize("cycles", [3, 12], ids=["three cycles", "a third of the pixels hit"])
+def test_hits_are_found_in_uneven_light_and_noise_that_reaches_far_is_none(cycles):
+    rng, light = np.random.default_rng(12), np.linspace(100.0, 2000.0, 4000)
+    pixels = rng.poisson(light, (cycles, 4, 4000)).astype(float)
+    assert find_hits(pixels) is None
+    assert find_hits(100.0 + 5.0 * rng.standard_t(4.0, pixels.shape)) is None
+    hit = rng.random(pixels.shape) < 0.01
+    found = find_hits(pixels + hit * rng.exponential(2000.0, pixels.shape))
+    assert not np.any(found.pixels & ~hit.any(axis=(0, 1)))
+    # Six deviations of the brightest pixels, 44 counts, hide 12 % of the hits.
+    assert found.pixels.sum() > 0.8 * hit.any(axis=(0, 1)).sum()
+    assert np.all(np.abs(found.small - 0.01 * 0.12) < 5.0 * found.small_error)
+    # Not more of the dark pixels than of the bright ones.
+    dark, bright = found.pixels[:2000].sum(), found.pixels[2000:].sum()
+    assert abs(int(dark) - int(bright)) < 5.0 * np.sqrt(dark + bright)
+
+
+def test_hits_are_found_against_neighbours_in_uneven_light():
+    rng, light = np.random.default_rng(14), np.tile(np.linspace(100.0, 2000.0, 4000), (4, 1))
+    off = rng.poisson(light) - light
+    assert find_single_hits(off, light) is None
+    hit = rng.random(off.shape) < 0.01
+    found = find_single_hits(off + hit * 2000.0, light)
+    assert np.array_equal(found.pixels, hit.any(axis=0) & (hit.sum(axis=0) < 3))
+
+
+def test_hits_too_small_to_be_found_leave_what_is_said_in_mean_and_variance():
+    rng = np.random.default_rng(13)
+    off, squares = [], []
+    for _ in range(20):
+        pixels = rng.normal(500.0, 10.0, (3, 4, 4000))
+        hit = rng.random(pixels.shape) < 0.01
+        pixels[hit] += rng.exponential(400.0, int(hit.sum()))
+        found = find_hits(pixels)
+        kept = pixels[:, :, ~found.pixels]
+        left = kept.mean(axis=(0, 2)) - 500.0 - found.small * found.mean
+        off.append(left / np.hypot(found.small_error * found.mean, 10.0 / np.sqrt(12000.0)))
+        excess = kept.var(axis=2).mean(axis=0) - 100.0 - found.small * found.square
+        squares.append(excess / (found.small_error * found.square))
+        assert np.all(found.small > 0.0)
+    # Chance of the variance itself is some 0.9 of its error by hits.
+    assert abs(np.mean(off)) < 4.0 / np.sqrt(80.0)
+    assert abs(np.mean(squares)) < 4.0 * 1.5 / np.sqrt(80.0)

@@ -61,19 +61,6 @@ def test_noise_that_neighbours_share_is_in_the_error_of_its_deviation():
     assert 0.5 < np.var(scores) < 1.8
 
 
-def test_hits_are_found_in_repeats_and_noise_that_reaches_far_is_none():
-    rng = np.random.default_rng(12)
-    pixels = 100.0 + rng.normal(0.0, 5.0, (3, 4, 4000))
-    assert sm.find_hits(pixels) is None
-    assert sm.find_hits(100.0 + 5.0 * rng.standard_t(4.0, (3, 4, 4000))) is None
-    hit = rng.random(pixels.shape) < 0.01
-    found = sm.find_hits(pixels + hit * rng.exponential(200.0, pixels.shape))
-    # Hits of less than six deviations, one in seven, are not told from noise.
-    assert not np.any(found.pixels & ~hit.any(axis=(0, 1)))
-    assert found.pixels.sum() > 0.8 * hit.any(axis=(0, 1)).sum()
-    assert np.all(found.left < 3.0 * 0.01 * 0.15 * 15.0)
-
-
 def test_light_that_drifts_is_divided_out_with_an_error_that_covers():
     times = np.arange(6)[:, None] + np.arange(4) / 4.0
     scores = []
@@ -198,20 +185,3 @@ def test_noise_that_explains_more_than_the_spread_is_repaired_and_said():
 def test_values_without_a_result_are_refused(call, message):
     with pytest.raises(ValueError, match=message):
         call()
-
-
-def test_hits_too_small_to_be_found_leave_what_is_said_in_mean_and_variance():
-    rng = np.random.default_rng(13)
-    off, squares = [], []
-    for _ in range(20):
-        pixels = rng.normal(500.0, 10.0, (3, 4, 4000))
-        hit = rng.random(pixels.shape) < 0.01
-        pixels[hit] += rng.exponential(400.0, int(hit.sum()))
-        found = sm.find_hits(pixels)
-        kept = pixels[:, :, ~found.pixels]
-        off.append((kept.mean(axis=(0, 2)) - 500.0 - found.left) / np.hypot(found.left_error, 10.0 / np.sqrt(12000.0)))
-        squares.append((kept.var(axis=2).mean(axis=0) - 100.0 - found.left_var) / found.left_var_error)
-        assert np.all(found.left_var > 0.0)
-    # Chance of the variance itself is some 0.9 of its error by hits.
-    assert abs(np.mean(off)) < 4.0 / np.sqrt(80.0)
-    assert abs(np.mean(squares)) < 4.0 * 1.5 / np.sqrt(80.0)
