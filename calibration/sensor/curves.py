@@ -25,26 +25,18 @@ from scipy.special import ndtri, stdtrit
 from calibration.estimate import Estimate, number_with_error
 from calibration.results import CalibrationError, refused
 from calibration.sensor.fits import ScatterFit, fit_with_scatter
-from calibration.sensor.levels import (
-    LevelStatistics,
-    column,
-    least_noise_dn2,
-    mean_rounding_error_dn,
-    pattern_variances,
-    variance_rounding_error_dn2,
-)
+from calibration.sensor.levels import LevelStatistics, column, pattern_variances
+from model.counts import ROUNDING_VAR_DN2, least_variance, rounding_error_rms, variance_error_rms
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 LightKind = Literal["exposure", "photons"]
 
-# Variance of a rounding error, uniform over one count.
-QUANTISATION_VAR_DN2 = 1.0 / 12.0
 # Below this temporal variance noise does not dither the rounding, and the measured variance is meaningless.
 QUANTISATION_LIMIT_DN2 = 0.24
 # The variance of unresolved noise is taken as uniform between that of rounding and the limit.
-_UNRESOLVED_VARIANCE_DN2 = 0.5 * (QUANTISATION_VAR_DN2 + QUANTISATION_LIMIT_DN2)
-_UNRESOLVED_VARIANCE_ERROR_DN2 = (QUANTISATION_LIMIT_DN2 - QUANTISATION_VAR_DN2) / np.sqrt(12.0)
+_UNRESOLVED_VARIANCE_DN2 = 0.5 * (ROUNDING_VAR_DN2 + QUANTISATION_LIMIT_DN2)
+_UNRESOLVED_VARIANCE_ERROR_DN2 = (QUANTISATION_LIMIT_DN2 - ROUNDING_VAR_DN2) / np.sqrt(12.0)
 _TINY = np.finfo(float).tiny
 
 # Least share of samples at the ceiling in a saturated level.
@@ -407,7 +399,7 @@ def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
         design = np.column_stack([ones, along])
     # Rounding that noise hardly dithers moves all means alike: that at no exposure by one error, the slope by two of
     # them over the range of exposures.
-    rounding_dn2 = QUANTISATION_VAR_DN2 if limited else float(np.max(_mean_rounding_variance(darks)))
+    rounding_dn2 = ROUNDING_VAR_DN2 if limited else float(np.max(_mean_rounding_variance(darks)))
     by_rounding = np.zeros_like(mean_fit.covariance)
     by_rounding[0, 0] = rounding_dn2
     if has_slope:
@@ -428,7 +420,7 @@ def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
         variances_dn2=variances if variance_fit else np.full(len(darks), _UNRESOLVED_VARIANCE_DN2),
         variance_covariance_dn4=covariance,
         quantisation_limited=limited,
-        shared_error_dn=float(np.sqrt(QUANTISATION_VAR_DN2)) if limited else 0.0,
+        shared_error_dn=float(np.sqrt(ROUNDING_VAR_DN2)) if limited else 0.0,
     )
 
 
@@ -466,7 +458,7 @@ def mean_sampling_variance(darks: Sequence[LevelStatistics]) -> FloatArray:
     """
     freedom, between, noise = _frame_scatter(darks)
     wander = max(0.0, float(freedom @ (between - noise) / freedom.sum()))
-    floor = QUANTISATION_VAR_DN2 / column(darks, "n_pixels")
+    floor = ROUNDING_VAR_DN2 / column(darks, "n_pixels")
     variance: FloatArray = (np.maximum(noise, floor) + wander) / (freedom + 1) + _mean_rounding_variance(darks)
     return variance
 
@@ -543,7 +535,7 @@ def _polynomial(exposures: FloatArray, degree: int, means: FloatArray, sampling:
 
 def _mean_rounding_variance(darks: Sequence[LevelStatistics]) -> FloatArray:
     temporal, spatial = column(darks, "temporal_variance_dn2"), pattern_variances(darks)
-    return np.square(mean_rounding_error_dn(least_noise_dn2(temporal, spatial) + spatial))
+    return np.square(rounding_error_rms(np.sqrt(least_variance(temporal, spatial) + spatial)))
 
 
 def _fit_variance(
@@ -576,7 +568,7 @@ def _shared_variance_error_dn2(darks: Sequence[LevelStatistics]) -> float:
     if zeros > 0.0:
         z = -float(ndtri(zeros))
         cut = z * np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi) + zeros - z**2 * zeros
-    rounding = float(variance_rounding_error_dn2(least_noise_dn2(np.array(variance), spatial), spatial))
+    rounding = float(variance_error_rms(least_variance(np.array(variance), spatial), spatial))
     return float(np.hypot(cut * variance, rounding))
 
 

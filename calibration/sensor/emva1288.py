@@ -11,8 +11,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sensor.curves import QUANTISATION_LIMIT_DN2, QUANTISATION_VAR_DN2, match_darks, saturation_level
+from calibration.sensor.curves import QUANTISATION_LIMIT_DN2, match_darks, saturation_level
 from calibration.sensor.levels import LevelStatistics, column
+from model.counts import ROUNDING_VAR_DN2
 
 # The levels as EMVA 1288 uses them: pairs for temporal noise, two stacks for the fixed pattern
 
@@ -125,7 +126,7 @@ def _temporal_figures(sweep: _Sweep, *, flats: Mask, darks: Mask) -> dict[str, f
     found = {
         "gain_dn_per_e": gain,
         "temporal_dark_noise_dn": float(np.sqrt(dark_variance)),
-        "temporal_dark_noise_e": float(np.sqrt(dark_variance - QUANTISATION_VAR_DN2)) / gain,
+        "temporal_dark_noise_e": float(np.sqrt(dark_variance - ROUNDING_VAR_DN2)) / gain,
         "threshold_e": float(np.sqrt(dark_variance)) / gain + 0.5,
     }
     if sweep.has_exposures:

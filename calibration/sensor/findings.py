@@ -90,9 +90,9 @@ _MESSAGES = {
     "and {down:+.2f} down columns (expected: at most {limit} each): frames were compressed with loss or filtered, and "
     "the noise is not the sensor's: save raw frames, without noise reduction",
     "readout_correlation": "the noise of neighbouring pixels is correlated by {across:+.3f} along rows and "
-    "{down:+.3f} down columns in dark frames (expected: at most {limit} each) and not in bright flats: the readout "
-    "couples neighbours, and frames were not filtered. Gain and noise of single pixels are right; the read noise of a "
-    "mean over many pixels is {factor:.2f} times that of independent ones",
+    "{down:+.3f} down columns in dark frames of the least dark current (expected: at most {limit} each) and not in "
+    "bright flats: the readout couples neighbours, and frames were not filtered. Gain and noise of single pixels are "
+    "right; the read noise of a mean over many pixels is {factor:.2f} times that of independent ones",
     "frames_go_together": "the noise of a pixel is correlated by {share:+.3f} from one frame to the next (expected: "
     "at most {limit}): the camera averages frames in time (noise reduction), so differences of frames show "
     "{shown:.0%} of the noise, and the gain is too small by the same factor: switch noise reduction off, and save raw "
@@ -181,8 +181,8 @@ _LIT, _BRIGHT = 0.2, 0.25
 _CORRELATION, _FILTERED = 0.02, 0.1
 # Dark noise comes from the amplifiers and is independent between neighbours.
 _DARK_CORRELATION = 0.05
-# Correlation in bright flats over that in darks if a filter causes both; scatter of equal darks over its error.
-_SAME_AS_DARK, _ALIKE = 0.5, 0.4
+# Correlation in bright flats over that in darks if a filter causes both.
+_SAME_AS_DARK = 0.5
 # Lag of a detector leaves less than a per cent of a frame in the next.
 _LAG, _STEADY = 0.03, 0.05
 # Two readout channels differ by one or two per cent, pixels behind colour filters by tens.
@@ -675,42 +675,30 @@ def _correlated_noise(frames: _Frames) -> Flag | None:
 
 
 def _compressed_frames(frames: _Frames) -> Flag | None:
-    """Check the correlation of neighbours in dark noise, from lossy compression or a coupled readout.
+    """Check the correlation of neighbours in dark noise: a filter or coder shows in flats too, a coupled readout not.
 
-    A filter shows equally in flats. A coder leaves a different part of the noise in each dark level; a readout couples
-    neighbours equally in all.
+    A readout gives all darks the same covariance; dark current adds independent noise, which hides it in correlations.
     """
     darks = [dark for dark in frames.darks if dark.temporal_variance_dn2 > QUANTISATION_LIMIT_DN2]
-    smoothed = [
-        dark
-        for dark in darks
-        if max(np.abs(_correlations(dark))) > max(_DARK_CORRELATION, _SIGMA * dark.shared.std_error)
-    ]
-    if not darks or len(smoothed) <= len(darks) // 2:
+    if not darks:
         return None
-    each = np.array([_correlations(dark) for dark in darks])
-    across, down = (float(one) for one in np.median(each, axis=0))
-    if _is_of_readout(frames, each, errors=np.array([dark.shared.std_error for dark in darks])):
-        factor = float(np.sqrt(max(1.0 + 2.0 * (across + down), 0.0)))
-        return _flag("readout_correlation", across=across, down=down, limit=_DARK_CORRELATION, factor=factor)
+    variances = column(darks, "temporal_variance_dn2")
+    together = np.array([_correlations(dark) for dark in darks]) * variances[:, None]
+    errors = np.array([dark.shared.std_error for dark in darks]) * variances
+    weights = errors**-2.0 / np.sum(errors**-2.0)
+    # Of the noise of the darks with the least dark current.
+    across, down = ((weights @ together) / variances.min()).tolist()
+    error = float(np.sum(errors**-2.0) ** -0.5 / variances.min())
+    larger = int(abs(down) > abs(across))
+    size = (across, down)[larger]
+    if abs(size) < max(_DARK_CORRELATION, _SIGMA * error):
+        return None
+    if frames.bright_flats:
+        *flats, error = _correlation_of_flats(frames)
+        if flats[larger] / size + _LEFT_SIGMA * error / abs(size) < _SAME_AS_DARK:
+            factor = float(np.sqrt(max(1.0 + 2.0 * (across + down), 0.0)))
+            return _flag("readout_correlation", across=across, down=down, limit=_DARK_CORRELATION, factor=factor)
     return _flag("compressed_frames", refuses=True, across=across, down=down, limit=_DARK_CORRELATION)
-
-
-def _is_of_readout(frames: _Frames, darks: FloatArray, *, errors: FloatArray) -> bool:
-    """Return whether neighbours are equally correlated in all darks (n, 2), and much less in bright flats."""
-    if not frames.bright_flats:
-        return False
-    middle = np.median(darks, axis=0)
-    larger = int(np.argmax(np.abs(middle)))
-    *flats, error = _correlation_of_flats(frames)
-    in_flats = flats[larger] / middle[larger]
-    if in_flats + _LEFT_SIGMA * error / abs(middle[larger]) > _SAME_AS_DARK:
-        return False
-    if len(darks) == 1:
-        # A single level cannot distinguish a smoothing coder from a readout.
-        return bool(middle[larger] < 0.0)
-    apart = np.abs(darks[:, larger] - middle[larger])
-    return bool(np.all(apart < np.maximum(_SIGMA * errors, _ALIKE * abs(middle[larger]))))
 
 
 def _lag(frames: _Frames) -> tuple[float, float] | None:

@@ -51,11 +51,9 @@ from calibration.sensor.levels import (
     LevelStatistics,
     column,
     describe_level,
-    least_noise_dn2,
-    mean_rounding_error_dn,
     pattern_variances,
-    variance_rounding_error_dn2,
 )
+from model.counts import least_variance, rounding_error_rms, variance_error_rms
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -193,7 +191,7 @@ def mean_variance_dn2(flats: Sequence[LevelStatistics], signal_dn: FloatArray, s
     """Return the variance of flat means from pixel noise, rounding and unsteady light [DN^2]."""
     temporal = column(flats, "temporal_variance_dn2")
     spatial = pattern_variances(flats)
-    rounding = mean_rounding_error_dn(least_noise_dn2(temporal, spatial) + spatial)
+    rounding = rounding_error_rms(np.sqrt(least_variance(temporal, spatial) + spatial))
     of_frame = temporal / column(flats, "n_pixels") + wander_variance_dn2(flats, signal_dn, stability)
     variance: FloatArray = of_frame / column(flats, "n_frames") + np.square(rounding)
     return variance
@@ -238,7 +236,7 @@ def _dark_variances(
     measured = np.maximum(temporal, _LEAST_VARIANCE_DN2)
     relative = np.maximum(column(darks, "temporal_std_error_dn2") / measured, _LEAST_RELATIVE)
     own = np.square(relative * np.maximum(_line_of_all(exposures, temporal), measured.min()))
-    own += np.square(variance_rounding_error_dn2(least_noise_dn2(temporal, spatial), spatial))
+    own += np.square(variance_error_rms(least_variance(temporal, spatial), spatial))
     models = _dark_models(exposures, temporal, own)
     means = by_mean.values - np.where(by_mean.outlying, by_mean.deviation, 0.0)
     if len(models) > 1 and np.ptp(means) > 0.0:

@@ -7,9 +7,6 @@ Linear, sections 6.6 and 8.2.
 
 The same pass collects signs of unfit frames: the samples as integers, correlated noise of neighbours, rows, columns and
 consecutive frames, and outlying pixels.
-
-Samples are rounded to whole counts. Where the noise is below half a count or so, rounding leaves errors in means and
-variances that depend on the place between two counts; the functions named `*_rounding_error_*` give their size.
 """
 
 import zlib
@@ -22,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.results import CalibrationError
+from model.counts import HIT_SIGMA, hit_limit
 
 FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
@@ -34,17 +32,10 @@ _LEAST_PIXELS = 4
 _MOST_FRAMES = 65536
 # Pixels of a block that stays in the processor's cache.
 _BLOCK_PIXELS = 49152
-# Pixels of the first rows used for correlations; pixels used for a histogram and for a median
-# (to 2 % of a standard deviation).
-_CORRELATION_PIXELS, _HISTOGRAM_PIXELS, _MEDIAN_PIXELS = 98304, 65536, 4096
-# Standard deviations beyond which a difference of two frames, or a pixel of the fixed pattern, is an outlier: a normal
-# law has none in a million.
-_OUTLIER_SIGMA = 6.0
-_SIGMA_OF_MEDIAN = 1.4826
-# Variance of differences from rounding alone; smaller deviations are never outliers.
-_ROUNDING_DIFFERENCE_VAR_DN2 = 0.5
-_OUTLIER_PASSES = 5
-_ROUNDING_STD_DN = 12.0**-0.5
+# Pixels of the first rows used for correlations; pixels used for a histogram and for the limit of outliers.
+_CORRELATION_PIXELS, _HISTOGRAM_PIXELS, _SOME_PIXELS = 98304, 65536, 65536
+# Least deviation of the difference of two frames, and of a mean picture, by rounding alone.
+_ROUNDING_DIFFERENCE_DN, _ROUNDING_STD_DN = 0.5**0.5, 12.0**-0.5
 # With a larger share of defects they are shading or structure, and none is left out.
 _MOST_DEFECTS = 0.03
 # Blocks along the shorter side of a picture, to separate uneven light from differences of pixels.
@@ -54,7 +45,6 @@ _LEAST_EXPECTED, _NEIGHBOURS = 25.0, 9
 _ROWS_APART = 4
 # Significance from which on noise of whole rows and columns is counted.
 _SHARED_SIGMA = 5.0
-_HALVINGS = 30
 _NAMED_LEVELS = 3
 
 
@@ -318,52 +308,6 @@ def small_scale_freedom(shape: tuple[int, int]) -> float:
     return 1.0 - side**-2 if side else 1.0
 
 
-# Errors from rounding to whole counts. Widrow and Kollar, Quantization Noise (2008), chapter 4: the first harmonics.
-
-
-def least_noise_dn2(variance_dn2: FloatArray, spatial_dn2: FloatArray) -> FloatArray:
-    """Return the least temporal noise before rounding that can give a measured variance [DN^2].
-
-    With a mean half-way between two counts, small noise is measured too large by up to its rounding error, and would
-    suggest a dither that does not exist. The largest measured variance grows with the noise; bisection finds the root.
-    """
-    low, high = np.zeros_like(variance_dn2), np.maximum(variance_dn2, 0.0)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        largest = middle + 1.0 / 12.0 + np.sqrt(2.0) * variance_rounding_error_dn2(middle, spatial_dn2)
-        low, high = np.where(largest < variance_dn2, middle, low), np.where(largest < variance_dn2, high, middle)
-    return low
-
-
-def mean_rounding_error_dn(noise_dn2: FloatArray) -> FloatArray:
-    """Return the rms rounding error of a mean, over all places between two counts [DN].
-
-    The error at a place is exp(-2 pi^2 noise) sin(2 pi mean) / pi.
-    """
-    error: FloatArray = np.exp(-2.0 * np.pi**2 * noise_dn2) / (np.pi * np.sqrt(2.0))
-    return error
-
-
-def variance_rounding_error_dn2(temporal_dn2: FloatArray, spatial_dn2: FloatArray) -> FloatArray:
-    """Return the rms rounding error of a temporal variance beyond 1/12 DN^2, over all places [DN^2].
-
-    The error at a place is (4 noise + 1 / pi^2) exp(-2 pi^2 noise) cos(2 pi mean).
-    """
-    decay = np.exp(-2.0 * np.pi**2 * (temporal_dn2 + spatial_dn2))
-    error: FloatArray = (4.0 * temporal_dn2 + 1.0 / np.pi**2) * decay / np.sqrt(2.0)
-    return error
-
-
-def spatial_rounding_error_dn2(temporal_dn2: FloatArray, spatial_dn2: FloatArray) -> FloatArray:
-    """Return the rms rounding error of a spatial variance, over all places [DN^2].
-
-    Rounding moves means by exp(-2 pi^2 noise) sin(2 pi mean) / pi, and its slope pushes unequal pixels together or
-    apart: twice the covariance of place and move, by Stein's lemma.
-    """
-    error: FloatArray = np.sqrt(8.0) * spatial_dn2 * np.exp(-2.0 * np.pi**2 * (temporal_dn2 + spatial_dn2))
-    return error
-
-
 # Frame by frame
 
 
@@ -391,15 +335,12 @@ def _squared_difference(before: Frame, frame: Frame, *, offset_dn: float) -> tup
     """Return the squared difference of two frames less its mean, and the outlying pixels."""
     square = np.empty(frame.shape, dtype=np.float32)
     total, largest = _fill_squares(square, before, frame, offset_dn)
-    if largest <= _outlier_limit(total / square.size):
+    # No limit of a sample is needed where all are near.
+    if largest <= HIT_SIGMA**2 * max(total / square.size, _ROUNDING_DIFFERENCE_DN**2):
         return square, None
-    limit = _outlier_limit(float(square.mean()))
-    for _ in range(_OUTLIER_PASSES):
-        # An outlier raises its own limit: repeat without it.
-        tighter = _outlier_limit(float(square[square <= limit].mean()))
-        if tighter >= limit:
-            break
-        limit = tighter
+    limit = hit_limit(np.sqrt(some_pixels(square)), least=_ROUNDING_DIFFERENCE_DN) ** 2
+    if largest <= limit:
+        return square, None
     outlier = square > limit
     kept = ~outlier
     _fill_squares(square, before, frame, float(frame[kept].mean()) - float(before[kept].mean()))
@@ -419,8 +360,10 @@ def _fill_squares(square: SingleArray, before: Frame, frame: Frame, offset_dn: f
     return total, largest
 
 
-def _outlier_limit(mean_square: float) -> float:
-    return _OUTLIER_SIGMA**2 * max(mean_square, _ROUNDING_DIFFERENCE_VAR_DN2)
+def some_pixels(picture: SingleArray) -> FloatArray:
+    """Return a regular sample of the pixels of a large picture, for a fast median or limit."""
+    # An odd step covers different columns.
+    return picture.ravel()[:: (picture.size // _SOME_PIXELS) | 1].astype(np.float64)
 
 
 def _row_blocks(shape: tuple[int, ...]) -> Iterator[slice]:
@@ -480,7 +423,7 @@ def _image_lag(first: Frame, second: Frame, third: Frame) -> tuple[float, float]
     differences = [np.subtract(*pair, dtype=np.float32).ravel() for pair in ((second, first), (third, second))]
     for one in differences:
         one -= np.median(one)
-    limits = [_OUTLIER_SIGMA * max(1.0, _SIGMA_OF_MEDIAN * float(np.median(np.abs(one)))) for one in differences]
+    limits = [hit_limit(one, least=1.0) for one in differences]
     kept = (np.abs(differences[0]) < limits[0]) & (np.abs(differences[1]) < limits[1])
     before, after = (one[kept].astype(np.float64) - one[kept].mean() for one in differences)
     total = 0.5 * float(before @ before + after @ after)
@@ -566,10 +509,9 @@ def _ordinary_pattern(
 
 def _defects(deviations: SingleArray, *, least_std_dn: float) -> Mask | None:
     """Return the outlying pixels, or None if no pixel or too many pixels deviate."""
-    # An odd step covers different columns.
-    some = deviations.ravel()[:: (deviations.size // _MEDIAN_PIXELS) | 1]
+    some = some_pixels(deviations)
     middle_dn = float(np.median(some))
-    limit_dn = _OUTLIER_SIGMA * max(_SIGMA_OF_MEDIAN * float(np.median(np.abs(some - middle_dn))), least_std_dn)
+    limit_dn = hit_limit(some - middle_dn, least=least_std_dn)
     low, high, _, _ = cv2.minMaxLoc(deviations)
     if middle_dn - low <= limit_dn and high - middle_dn <= limit_dn:
         return None

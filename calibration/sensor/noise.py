@@ -24,7 +24,6 @@ from calibration.estimate import Bound, Estimate, JointCovariance, number_with_e
 from calibration.results import CalibrationError, Flag, RefusedFramesError, by_consequence, refused
 from calibration.sensor.curves import (
     QUANTISATION_LIMIT_DN2,
-    QUANTISATION_VAR_DN2,
     RANGE_OF_SATURATION,
     DarkSignal,
     LightStability,
@@ -48,12 +47,12 @@ from calibration.sensor.judging import LevelInfluence, is_lamp_sweep, judged_cur
 from calibration.sensor.levels import (
     LevelStatistics,
     column,
-    least_noise_dn2,
     pattern_variances,
     small_scale_freedom,
-    spatial_rounding_error_dn2,
+    some_pixels,
 )
 from calibration.sensor.pattern import FixedPattern, left_out_flags, pattern_flags
+from model.counts import ROUNDING_VAR_DN2, hit_limit, least_variance, spread_error_rms
 
 FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
@@ -74,7 +73,7 @@ _USUAL_DARK_E_PER_S = 1000.0
 _WINDOW = 15
 _LOCAL_SHARE = 1.0 - 1.0 / _WINDOW**2
 # Deviation beyond which pixels are left out; least number of pixels; light in darks over that of the flat.
-_OUTLIER, _LEAST_PIXELS, _LEAST_LIGHT = 5.0, 1000, 1e-4
+_LEAST_PIXELS, _LEAST_LIGHT = 1000, 1e-4
 _BLOCK_PIXELS = 1 << 18
 # Flags that are meaningless without a dark current.
 _OF_DARK_CURRENT = ("dark_current_not_resolved", "unusual_dark_current")
@@ -347,7 +346,7 @@ def temporal_noise_e(signal_e: FloatArray, *, read_noise_e: float, gain_dn_per_e
 
     EMVA Standard 1288, Release 4.0 Linear, section 2.
     """
-    noise: FloatArray = np.sqrt(signal_e + read_noise_e**2 + QUANTISATION_VAR_DN2 / gain_dn_per_e**2)
+    noise: FloatArray = np.sqrt(signal_e + read_noise_e**2 + ROUNDING_VAR_DN2 / gain_dn_per_e**2)
     return noise
 
 
@@ -518,7 +517,7 @@ def _measured_covariance(
     size = 2 if dark.has_slope else 1
     covariance[4 : 4 + size, 4 : 4 + size] = dark.mean_fit.covariance[:size, :size]
     if dark.quantisation_limited:
-        covariance[_DARK_SPATIAL, _DARK_SPATIAL] += QUANTISATION_VAR_DN2**2
+        covariance[_DARK_SPATIAL, _DARK_SPATIAL] += ROUNDING_VAR_DN2**2
     if dark.is_curved and dark.variance_fit is not None:
         # The variance at zero exposure belongs to the mean at zero exposure.
         by_mean = dark.variance_fit.parameters[1] ** 2 * dark.mean_fit.covariance[0, 0]
@@ -542,7 +541,7 @@ def _statistics_covariance(
     temporal[n_flat:, n_flat:] = dark.variance_covariance_dn4
     # Small noise leaves a rounding error in spatial variances.
     noise, pattern = column(levels, "temporal_variance_dn2"), pattern_variances(levels)
-    rounding_dn4 = np.square(spatial_rounding_error_dn2(least_noise_dn2(noise, pattern), pattern))
+    rounding_dn4 = np.square(spread_error_rms(least_variance(noise, pattern), pattern))
     spatial = np.diag(np.square([level.ordinary.std_error_dn2 for level in levels]) + rounding_dn4)
     cross = np.diag([level.ordinary.temporal_cov_dn4 for level in levels])
     return np.block([[temporal, cross], [cross, spatial]])
@@ -586,7 +585,7 @@ def _parameters(
     # Name: value, derivatives with respect to the measured numbers, frames.
     found: dict[str, tuple[float, dict[int, float], int]] = {"gain_dn_per_e": (gain, {_GAIN: 1.0}, measured.n_gain)}
     if has_read_noise and no_read_noise is None:
-        variance = dark_variance - QUANTISATION_VAR_DN2
+        variance = dark_variance - ROUNDING_VAR_DN2
         noise = float(np.sqrt(variance)) / gain
         by = {_GAIN: -noise / gain, _DARK_VARIANCE: 0.5 * noise / variance}
         found["read_noise_e"] = noise, by, measured.n_dark
@@ -648,7 +647,7 @@ def _unresolved_read_noise(measured: _Measured) -> Flag | None:
     """Return a flag if dark current or rounding hides the read noise."""
     variance = float(measured.values[_DARK_VARIANCE])
     error = float(np.sqrt(measured.covariance[_DARK_VARIANCE, _DARK_VARIANCE]))
-    if variance - QUANTISATION_VAR_DN2 > _RESOLVED_SIGMA * error and variance > QUANTISATION_LIMIT_DN2:
+    if variance - ROUNDING_VAR_DN2 > _RESOLVED_SIGMA * error and variance > QUANTISATION_LIMIT_DN2:
         return None
     bound_e = np.sqrt(max(variance, QUANTISATION_LIMIT_DN2) + _RESOLVED_SIGMA * error) / measured.values[_GAIN]
     return Flag(
@@ -736,7 +735,7 @@ def _performance(
 
 
 def _threshold(gain: Estimate, read_noise_e: Estimate) -> Estimate:
-    variance_e2 = read_noise_e.value**2 + QUANTISATION_VAR_DN2 / gain.value**2
+    variance_e2 = read_noise_e.value**2 + ROUNDING_VAR_DN2 / gain.value**2
     root = float(np.sqrt(0.25 + variance_e2))
     # The error of the read noise already includes that of the gain.
     error = read_noise_e.value * read_noise_e.std_error / root
@@ -950,7 +949,7 @@ def _light_in_darks(pattern: FixedPattern, *, black_level_dn: float) -> tuple[Es
     del relative
     noise_dn2 = float(np.mean(pattern.dark.temporal_variance_dn2)) / pattern.n_dark_frames
     flat_noise_dn2 = float(np.mean(pattern.flat.temporal_variance_dn2)) / pattern.n_flat_frames
-    kept = (np.abs(dark) < _OUTLIER * _robust_std(dark)) & (np.abs(response) < _OUTLIER * _robust_std(response))
+    kept = (np.abs(dark) < hit_limit(some_pixels(dark))) & (np.abs(response) < hit_limit(some_pixels(response)))
     if np.count_nonzero(kept) < _LEAST_PIXELS:
         return None
     d, r = dark[kept], response[kept]
@@ -1009,10 +1008,6 @@ def _local(picture: SingleArray) -> SingleArray:
     local -= np.median(local, axis=0, keepdims=True)
     local -= np.median(local, axis=1, keepdims=True)
     return local
-
-
-def _robust_std(picture: SingleArray) -> float:
-    return 1.4826 * float(np.median(np.abs(picture), overwrite_input=True))
 
 
 def _with_own_response(calibration: NoiseCalibration, covariance: Estimate) -> NoiseCalibration:

@@ -11,21 +11,19 @@ from scipy.special import chdtri
 
 from calibration.results import Flag
 from calibration.sensor.curves import QUANTISATION_LIMIT_DN2
-from calibration.sensor.levels import LevelPicture, LevelStatistics
+from calibration.sensor.levels import LevelPicture, LevelStatistics, some_pixels
+from model.counts import hit_limit
 
 # Outlying pixels: in the dark, in the light, or in their noise
 
 FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
 
-# A normal deviation is larger once in 5e8.
-_DEFECT_SIGMA = 6.0
+# Chance of the limit of a hit, 6 standard deviations.
 _CHANCE = 2e-9
 _NEIGHBOURHOOD = 5
-_SIGMA_PER_MAD = 1.4826
 # Smaller deviations are rounding [DN].
 _LEAST_DN = 1.0
-_MANY_PIXELS, _STEP = 100_000, 7
 
 
 class Defect(IntFlag):
@@ -55,10 +53,10 @@ def _defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) -
     """Return the pixels more than 6 standard deviations from the others.
 
     Hot and cold: by the dark mean; bright and weak: by the mean with light less dark. Both are compared with the median
-    of the 5 x 5 pixels around, which removes uneven light, in standard deviations from the median absolute deviation,
-    which defects do not widen. Noisy: temporal variance in the dark, compared with chi-squared for the degrees of
-    freedom of consecutive differences. Jumping: a difference of two frames beyond 6 standard deviations, perhaps a
-    cosmic hit. Less than one count is no defect. Longer stacks show smaller defects.
+    of the 5 x 5 pixels around, which removes uneven light, in standard deviations that defects do not widen. Noisy:
+    temporal variance in the dark, compared with chi-squared for the degrees of freedom of consecutive differences.
+    Jumping: a difference of two frames beyond 6 standard deviations, perhaps a cosmic hit. Less than one count is no
+    defect. Longer stacks show smaller defects.
 
     Definition. EMVA Standard 1288, Release 4.0 Linear, leaves the limits to the application.
     """
@@ -75,7 +73,7 @@ def _defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) -
     mark(Defect.COLD, deviation < -dark_limit_dn)
     del deviation
     response = flat.mean_dn - dark.mean_dn
-    signal_dn = max(float(np.median(_some_pixels(response))), 1.0)
+    signal_dn = max(float(np.median(some_pixels(response))), 1.0)
     response = _local_deviation(response)
     response /= np.float32(signal_dn)
     response_limit = _limit(response, least=_LEAST_DN / signal_dn)
@@ -102,16 +100,9 @@ def _local_deviation(picture: SingleArray) -> SingleArray:
     return deviation
 
 
-def _some_pixels(picture: SingleArray) -> SingleArray:
-    """Return a regular sample of the pixels of a large picture, for a fast median."""
-    # A step without a common factor with the usual widths reaches all columns.
-    step = _STEP if picture.size > _MANY_PIXELS else 1
-    return picture.ravel()[::step]
-
-
 def _limit(deviation: SingleArray, *, least: float) -> float:
-    some = _some_pixels(deviation)
-    return max(_DEFECT_SIGMA * _SIGMA_PER_MAD * float(np.median(np.abs(some - np.median(some)))), least)
+    some = some_pixels(deviation)
+    return max(hit_limit(some - np.median(some)), least)
 
 
 def _noise_limit(variance_dn2: SingleArray, n_frames: int) -> float:
@@ -119,7 +110,7 @@ def _noise_limit(variance_dn2: SingleArray, n_frames: int) -> float:
     differences = n_frames - 1
     # Consecutive differences share frames: two of n - 1 have a covariance of a quarter of their variance.
     freedom = 2.0 * differences**2 / (3.0 * n_frames - 4.0)
-    per_freedom = float(np.median(_some_pixels(variance_dn2))) / float(chdtri(freedom, 0.5))
+    per_freedom = float(np.median(some_pixels(variance_dn2))) / float(chdtri(freedom, 0.5))
     # If rounding hides the noise, half of the pixels may never change; the others are not noisy.
     return max(per_freedom, QUANTISATION_LIMIT_DN2 / freedom) * float(chdtri(freedom, _CHANCE))
 
@@ -169,7 +160,7 @@ def _pattern_histogram(picture: NDArray[np.float32], *, quantum: float) -> Patte
     size = int((high - low) / step) + 1
     counts = cv2.calcHist([deviation], [0], None, [size], [low, low + size * step]).ravel()
     centres = low + step * (np.arange(size) + 0.5)
-    quarter, middle, three_quarters = np.percentile(_some_pixels(deviation), (25.0, 50.0, 75.0))
+    quarter, middle, three_quarters = np.percentile(some_pixels(deviation), (25.0, 50.0, 75.0))
     # Quartiles of a normal law are 1.349 standard deviations apart.
     sigma = float(three_quarters - quarter) / 1.349
     density = np.exp(-0.5 * np.square((centres - middle) / sigma)) / (sigma * np.sqrt(2.0 * np.pi)) if sigma else 0.0

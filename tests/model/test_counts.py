@@ -5,7 +5,16 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import norm
 
-from model.counts import estimate_signal, find_hits, find_single_hits, rounded_moments, rounding_error_rms
+from model.counts import (
+    estimate_signal,
+    find_hits,
+    find_single_hits,
+    least_variance,
+    rounded_moments,
+    rounding_error_rms,
+    spread_error_rms,
+    variance_error_rms,
+)
 
 
 @pytest.mark.parametrize("std", [0.3, 0.4, 0.5, 0.7, 1.3])
@@ -38,6 +47,49 @@ def test_texture_dithers_and_is_not_noise():
     assert shift == pytest.approx(means @ weight - 12.2, abs=1e-9)
     # Squares of each pixel's shift are taken by their first harmonic: the next is exp(-16 pi^2 0.16) of it.
     assert variance == pytest.approx(np.sum(share * (k - means) ** 2, axis=0) @ weight, abs=1e-8)
+
+
+PLACES_DN = np.linspace(0.0, 1.0, 50, endpoint=False)
+COUNTS = np.arange(-6.0, 8.0)
+
+
+def rounded(noise_dn2, places_dn=PLACES_DN):
+    """Mean and variance of the whole counts that noise about each place is rounded to."""
+    at = (COUNTS[:, None] - places_dn) / np.sqrt(noise_dn2)
+    half = 0.5 / np.sqrt(noise_dn2)
+    share = norm.cdf(at + half) - norm.cdf(at - half)
+    mean = COUNTS @ share
+    return mean, np.square(COUNTS) @ share - np.square(mean)
+
+
+@pytest.mark.parametrize("noise_dn2", [0.06, 0.1, 0.16, 0.25])
+def test_first_harmonics_are_nearly_all_of_it(noise_dn2):
+    variance = rounded(noise_dn2)[1]
+    noise, none = np.array(noise_dn2), np.array(0.0)
+    found = np.sqrt(np.mean(np.square(variance - noise_dn2 - 1.0 / 12.0)))
+    assert found == pytest.approx(float(variance_error_rms(noise, none)), rel=0.05)
+
+
+@pytest.mark.parametrize("noise_dn2", [0.08, 0.1, 0.16, 0.25, 0.5])
+def test_a_measured_variance_promises_no_more_dither_than_there_is(noise_dn2):
+    variance = rounded(noise_dn2)[1]
+    least = least_variance(variance, np.zeros_like(variance))
+    # The second harmonic tells where noise is a quarter of a count and less.
+    assert least.max() <= noise_dn2 + 0.01
+    # Half-way between two counts it is the noise itself; where nothing is hidden all over.
+    assert least[len(PLACES_DN) // 2] == pytest.approx(noise_dn2, abs=0.01)
+
+
+@pytest.mark.parametrize(("noise_dn2", "pattern_dn"), [(0.1, 0.12), (0.13, 0.2), (0.2, 0.3)])
+def test_pixels_are_pushed_together_or_apart(noise_dn2, pattern_dn):
+    nodes, weights = np.polynomial.hermite_e.hermegauss(40)
+    weights = weights / weights.sum()
+    off = []
+    for place_dn in PLACES_DN:
+        means = rounded(noise_dn2, place_dn + pattern_dn * nodes)[0]
+        off.append(weights @ np.square(means) - (weights @ means) ** 2 - pattern_dn**2)
+    stated = spread_error_rms(np.array(noise_dn2), np.array(pattern_dn**2))
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(float(stated), rel=0.1)
 
 
 @pytest.mark.parametrize(("mean", "std", "highest"), [(10.0, 10.5, 255), (12.47, 0.37, 255), (3.0, 6.0, 9)])

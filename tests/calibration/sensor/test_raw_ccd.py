@@ -25,7 +25,9 @@ def read_noise(draws: np.random.Generator, coupling: float, axis: int) -> FloatA
     return np.asarray(READ_E * (white + coupling * np.roll(white, 1, axis=axis)))
 
 
-def coupled(coupling: float, axis: int = 1, *, filtered: bool = False) -> list[LevelStatistics]:
+def coupled(
+    coupling: float, axis: int = 1, *, dark_e_per_s: float = 0.0, filtered: bool = False
+) -> list[LevelStatistics]:
     draws, levels = np.random.default_rng(5), []
     response = 1.0 + 0.005 * draws.standard_normal(SHAPE)
 
@@ -36,8 +38,10 @@ def coupled(coupling: float, axis: int = 1, *, filtered: bool = False) -> list[L
         return BLACK_DN + GAIN * signal
 
     for light_e in LIGHT_E.tolist():
-        levels.append(level("flat", light_e / 1e6, [frame(light_e) for _ in range(2)]))
-        levels.append(level("dark", light_e / 1e6, [frame(0.0) for _ in range(2)]))
+        exposure_s = light_e / 1e6
+        for kind, charge_e in (("flat", light_e), ("dark", 0.0)):
+            frames = [frame(charge_e + dark_e_per_s * exposure_s) for _ in range(2)]
+            levels.append(level("flat" if kind == "flat" else "dark", exposure_s, frames))
     return levels
 
 
@@ -45,11 +49,15 @@ def flags(found: NoiseCalibration) -> dict[str, Flag]:
     return {flag.name: flag for flag in found.flags}
 
 
-@pytest.mark.parametrize(("coupling", "axis", "factor"), [(-0.07, 1, "0.93"), (-0.07, 0, "0.93"), (0.1, 1, "1.09")])
+@pytest.mark.parametrize(
+    ("coupling", "axis", "dark_e_per_s", "factor"),
+    [(-0.07, 1, 0.0, "0.93"), (-0.07, 0, 0.0, "0.93"), (0.1, 1, 0.0, "1.09"), (-0.07, 1, 5000.0, "0.93")],
+    ids=["rows", "columns", "positive", "most darks have more dark current than read noise"],
+)
 def test_a_readout_that_couples_neighbours_is_told_and_the_numbers_stand(
-    coupling: float, axis: int, factor: str
+    coupling: float, axis: int, dark_e_per_s: float, factor: str
 ) -> None:
-    found = calibrate_noise(coupled(coupling, axis), bit_depth=16)
+    found = calibrate_noise(coupled(coupling, axis, dark_e_per_s=dark_e_per_s), bit_depth=16)
     assert "compressed_frames" not in flags(found)
     flag = flags(found)["readout_correlation"]
     assert not flag.refuses
