@@ -607,9 +607,11 @@ def _root_of_mean(per_pixel: FloatArray, *, correction: float) -> Sample:
 
 
 # Chance that cycles which repeat themselves are taken for not doing so. What noise alone may give is not counted: it
-# would widen the errors of means of few cycles by a third. A drift is told from light that wanders by so many of its
-# errors, over so many cycles.
-_BY_CHANCE, _SURELY, _LEAST_CYCLES = 0.05, 4.0, 3
+# would widen the errors of means of few cycles by a third. An error found with a chance above the second is near its
+# limit, not known from few cycles only: with Student's law one sound run in fifteen could not show light 0.2 % off.
+_BY_CHANCE, _HARDLY_BY_CHANCE = 0.05, 1e-3
+# A drift is told from light that wanders by so many of its errors, over so many cycles.
+_SURELY, _LEAST_CYCLES = 4.0, 3
 
 
 def _repeatability(means: FloatArray, noise: FloatArray, times: FloatArray | None = None) -> Repeatability:
@@ -632,7 +634,7 @@ def _repeatability(means: FloatArray, noise: FloatArray, times: FloatArray | Non
         if drift**2 > _SURELY**2 * variance:
             return replace(left, drift=drift, drift_error=np.sqrt(variance) * off.mean(axis=0))
     steady, slope, variance = _differences(means, noise, np.arange(float(len(means)))[:, None])
-    drifted = 0.0 if _is_chance(slope**2, variance, 1) else max(slope**2 - variance, 0.0) / 12.0
+    drifted = 0.0 if _chance(slope**2, variance, 1) > _BY_CHANCE else max(slope**2 - variance, 0.0) / 12.0
     return replace(steady, own=float(np.sqrt(steady.own**2 + drifted * (1.0 - level.size**-2.0))))
 
 
@@ -650,16 +652,18 @@ def _differences(
     own, own_freedom = 0.0, np.inf
     if angles > 1:
         squares, of_own = float(np.sum(left**2)) / (cycles - 1), (cycles - 1) * (angles - 1)
-        if not _is_chance(squares, noise_left, of_own) and squares > noise_left:
+        chance = _chance(squares, noise_left, of_own)
+        if chance < _BY_CHANCE:
             own = (squares - noise_left) / (light * (1.0 - share))
-            own_freedom = of_own * (1.0 - noise_left / squares) ** 2
+            own_freedom = of_own * (1.0 - noise_left / squares) ** 2 if chance < _HARDLY_BY_CHANCE else np.inf
     # Of the factor's variance, the part that the angles' own errors and the noise leave.
     of_others = noise_of_factor + own * share
     freedom = cycles - 1 if freedom is None else freedom
     common, common_freedom, spread = 0.0, np.inf, float(np.sum((factor - factor.mean()) ** 2)) / freedom
-    if not _is_chance(spread, of_others, freedom) and spread > of_others:
+    chance = _chance(spread, of_others, freedom)
+    if chance < _BY_CHANCE:
         common = spread - of_others
-        common_freedom = freedom * (1.0 - of_others / spread) ** 2
+        common_freedom = freedom * (1.0 - of_others / spread) ** 2 if chance < _HARDLY_BY_CHANCE else np.inf
     apart = times - times.mean(axis=0)
     weight = float(np.sum((level * apart) ** 2))
     found = Repeatability(
@@ -671,13 +675,11 @@ def _differences(
     return found, float(np.sum(level * apart * means)) / weight, (of_others + common) * light / weight
 
 
-def _is_chance(variance: float, noise: float, freedom: int) -> bool:
-    """Return whether noise gives so large a variance by chance, of degrees of freedom."""
-    return (
-        bool(float(gammaincc(0.5 * freedom, 0.5 * freedom * variance / noise)) > _BY_CHANCE)
-        if noise > 0.0
-        else not variance > 0.0
-    )
+def _chance(variance: float, noise: float, freedom: int) -> float:
+    """Return the chance that noise gives so large a variance, of degrees of freedom."""
+    if noise > 0.0:
+        return float(gammaincc(0.5 * freedom, 0.5 * freedom * variance / noise))
+    return 0.0 if variance > 0.0 else 1.0
 
 
 class _Running:
