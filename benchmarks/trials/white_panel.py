@@ -1,10 +1,12 @@
 """Trial of the diffuse term "volume" against the measured Mueller BRDF of sintered PTFE.
 
-FOLDER/ptfe_mueller/PTFE.data.csv is that of Germer, Appl. Opt. 56, 9333 (2017). Parameters are fitted to a random half
-of the geometries of each wavelength and judged on the other half: relative error of f00, and error of DoLP of the mean
-of two mirror images of a geometry, with what their noise alone gives. The noise is what mirror images differ by.
-`--uncertainties` fits all geometries and prints how the parameters change where one angle of incidence is left out: the
-uncertainties of the library.
+FOLDER/ptfe_mueller/PTFE.data.csv is that of Germer, Appl. Opt. 56, 9333 (2017). Every geometry is predicted from a fit
+to others: to the other one of two random halves, or to all but those of its sector of azimuth, or of its angle of
+incidence. The last row is a smooth table through a random half: it has no parameters, only symmetry and reciprocity.
+
+The rms errors are those of f00 (relative), of DoLP, and of S1/S0 and S2/S0; the last two for means of a geometry and its
+mirror image, with what noise alone gives. The noise is what mirror images differ by. The parameters of a fit to all
+geometries are printed last. Their uncertainty is a jackknife over angles of incidence.
 """
 
 import os
@@ -31,8 +33,8 @@ FREE = {
     "depolarization": (0.0, 1.0),
 }
 F_ALLOWED, DOLP_ALLOWED = 0.04, 0.007
-# Weights of the fit: of f00, and least of an element over f00.
-F_STD, RATIO_STD = 0.02, 0.004
+# Weights of the fit: of f00, and least of an element over f00; S1 and S2 of unpolarized light count more.
+F_STD, RATIO_STD, UNPOLARIZED = 0.02, 0.004, 2.0
 NADIR_RAD = np.radians(1.0)
 
 FloatArray = NDArray[np.float64]
@@ -59,6 +61,7 @@ def element_noise(data: MeasuredTable, rows: NDArray[np.intp]) -> FloatArray:
 def fitted(data: MeasuredTable, rows: NDArray[np.intp], start: Surface, noise: FloatArray) -> Surface:
     """Return the surface that fits f00 and all elements of rows best."""
     weights = np.sqrt(noise**2 + RATIO_STD**2)
+    weights[1:, 0] /= UNPOLARIZED
 
     def residuals(values: FloatArray) -> FloatArray:
         f = mueller(
@@ -78,18 +81,19 @@ def fitted(data: MeasuredTable, rows: NDArray[np.intp], start: Surface, noise: F
     return replace(start, **dict(zip(FREE, found.x.tolist(), strict=True)))
 
 
-def judged(data: MeasuredTable, rows: NDArray[np.intp], surface: Surface) -> tuple[float, float, float]:
-    """Return rms of f00's relative error, of DoLP's error on means of mirror images, and of S1 and S2 over S0 there."""
-    f = mueller(data.theta_i_rad[rows], data.theta_r_rad[rows], data.phi_rad[rows], surface=surface)
+def judged(data: MeasuredTable, rows: NDArray[np.intp], f: FloatArray, noise: FloatArray) -> tuple[float, ...]:
+    """Return rms errors of Mueller matrices f: of f00, DoLP, DoLP by noise alone, S1 and S2 over S0."""
     pairs = mirror_pairs(data, rows)
     mean = 0.5 * (data.ratios[pairs[:, 0], 1:, 0] + data.ratios[pairs[:, 1], 1:, 0] * [1.0, -1.0])
     place = np.searchsorted(rows, pairs[:, 0])
     predicted = f[place, 1:, 0] / f[place, :1, 0]
-    off = predicted - mean
+    drawn = np.random.default_rng(1).standard_normal((40, *predicted.shape)) * noise[1:, 0] / np.sqrt(2.0)
+    dolp = np.hypot(*predicted.T)
     return (
         rms(f[:, 0, 0] / data.f00_per_sr[rows] - 1.0),
-        rms(np.hypot(*predicted.T) - np.hypot(*mean.T)),
-        rms(off),
+        rms(dolp - np.hypot(*mean.T)),
+        rms(np.linalg.norm(predicted + drawn, axis=-1) - dolp),
+        rms(predicted - mean),
     )
 
 
@@ -98,52 +102,74 @@ def rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def noise_of_dolp(data: MeasuredTable, rows: NDArray[np.intp], surface: Surface, noise: FloatArray) -> float:
-    """Return the rms error of DoLP that noise alone gives to means of mirror images of a surface without fault."""
-    rng, pairs = np.random.default_rng(1), mirror_pairs(data, rows)[:, 0]
-    f = mueller(data.theta_i_rad[pairs], data.theta_r_rad[pairs], data.phi_rad[pairs], surface=surface)
-    true = f[:, 1:, 0] / f[:, :1, 0]
-    drawn = true + rng.standard_normal((40, *true.shape)) * noise[1:, 0] / np.sqrt(2.0)
-    return rms(np.hypot(drawn[..., 0], drawn[..., 1]) - np.hypot(*true.T))
+def angles_of(data: MeasuredTable, rows: NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return incidence, reflection and azimuth of rows [rad]."""
+    return data.theta_i_rad[rows], data.theta_r_rad[rows], data.phi_rad[rows]
 
 
-def random_halves(
-    data: MeasuredTable, rows: NDArray[np.intp], rng: np.random.Generator
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return rows of two random halves; mirror images stay together."""
-    names = np.round(np.stack([data.theta_i_rad[rows], data.theta_r_rad[rows], np.cos(data.phi_rad[rows])]), 4)
-    _, group = np.unique(names, axis=1, return_inverse=True)
-    chosen = rng.permutation(group.max() + 1) < (group.max() + 1) / 2
-    return rows[chosen[group.ravel()]], rows[~chosen[group.ravel()]]
+def groups_of(data: MeasuredTable, rows: NDArray[np.intp], kind: str, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Return the group of each row that is left out together; mirror images stay together."""
+    incidence, reflection, azimuth = angles_of(data, rows)
+    if kind == "azimuth":
+        return np.minimum(np.abs(azimuth) // np.radians(30.0), 5.0).astype(np.intp)
+    if kind == "incidence":
+        return np.round(incidence / np.radians(15.0)).astype(np.intp)
+    names = np.round(np.stack([incidence, reflection, np.cos(azimuth)]), 4)
+    _, geometry = np.unique(names, axis=1, return_inverse=True)
+    return (rng.permutation(geometry.max() + 1) % 2)[geometry.ravel()]
+
+
+def table_of(data: MeasuredTable, rows: NDArray[np.intp]) -> MeasuredTable:
+    """Return a table of these rows alone."""
+    named = ("wavelength_m", "theta_i_rad", "theta_r_rad", "phi_rad", "f00_per_sr", "ratios")
+    return MeasuredTable(source="rows", **{name: getattr(data, name)[rows] for name in named})
 
 
 def run_white_panel(*, halves: int = 4, seed: int = 0) -> bool:
-    """Fit halves and judge the others; return whether all are within what is allowed."""
+    """Predict geometries from fits to others; return whether all random halves are within what is allowed."""
     if "RIGCTL_REAL_DATA" not in os.environ:
         print("not run: set RIGCTL_REAL_DATA to the folder that has ptfe_mueller/PTFE.data.csv")
         return True
-    path = Path(os.environ["RIGCTL_REAL_DATA"]) / "ptfe_mueller" / "PTFE.data.csv"
-    data, sound = read_brdf_table(path), True
-    sintered = material("sintered-ptfe")
-    wavelengths = np.unique(data.wavelength_m)
-    print("half    nm     f00 rms   DoLP rms  by noise  beyond noise  S1, S2 over S0")
-    for half in range(halves + 1):
-        rng = np.random.default_rng([seed, half])
-        found = []
-        for wavelength_m in wavelengths:
+    data, sound = read_brdf_table(Path(os.environ["RIGCTL_REAL_DATA"]) / "ptfe_mueller" / "PTFE.data.csv"), True
+    sintered, jackknifed = material("sintered-ptfe"), {}
+    print("left out      nm     f00 rms   DoLP rms  by noise  beyond noise  S1, S2 over S0")
+    kinds = [*(f"half {k + 1}" for k in range(halves)), "azimuth", "incidence", "library", "table"]
+    for place, kind in enumerate(kinds):
+        rng, found = np.random.default_rng([seed, place]), []
+        for wavelength_m in data.wavelengths_m:
             rows = np.flatnonzero((data.wavelength_m == wavelength_m) & (data.theta_i_rad > NADIR_RAD))
-            noise, surface = element_noise(data, rows), surface_of(sintered, wavelength_m=wavelength_m)
-            if half < halves:
-                training, rows = random_halves(data, rows, rng)
-                surface = fitted(data, training, surface, noise)
-            f00, dolp, ratio = judged(data, rows, surface)
-            by_noise = noise_of_dolp(data, rows, surface, noise)
-            found.append((f00, dolp, by_noise, ratio))
-            name = f"{half + 1}" if half < halves else "library"
-            row = (f00, dolp, by_noise, max(dolp**2 - by_noise**2, 0.0) ** 0.5, ratio)
-            print(f"{name:7s} {wavelength_m * 1e9:5.0f}" + "".join(f"  {value:8.4f}" for value in row))
-        f00, dolp, by_noise, _ = (rms(np.array(column)) for column in zip(*found, strict=True))
-        beyond = max(dolp**2 - by_noise**2, 0.0) ** 0.5
-        print(f"{'':7s}   all" + "".join(f"  {value:8.4f}" for value in (f00, dolp, by_noise, beyond)))
-        sound &= f00 <= F_ALLOWED and beyond <= DOLP_ALLOWED
+            noise, start = element_noise(data, rows), surface_of(sintered, wavelength_m=wavelength_m)
+            f = mueller(*angles_of(data, rows), surface=start)
+            group, fits = groups_of(data, rows, kind, rng), []
+            for left_out in np.unique(group) if kind != "library" else ():
+                others, these = rows[group != left_out], group == left_out
+                if kind == "table":
+                    f[these] = table_of(data, others).at(wavelength_m).matrix(*angles_of(data, rows[these]))
+                    continue
+                fits.append(fitted(data, others, start, noise))
+                f[these] = mueller(*angles_of(data, rows[these]), surface=fits[-1])
+            if kind == "incidence":
+                jackknifed[wavelength_m] = [[getattr(one, name) for one in fits] for name in FREE]
+            found.append(judged(data, rows, f, noise))
+            _print_row(kind, f"{wavelength_m * 1e9:.0f}", found[-1])
+        total = tuple(rms(np.array(column)) for column in zip(*found, strict=True))
+        _print_row(kind, "all", total)
+        if kind.startswith("half"):
+            sound &= total[0] <= F_ALLOWED and _beyond(total) <= DOLP_ALLOWED
+    print("\nfit to all    nm  " + "".join(f"{name:>20s}" for name in FREE))
+    for wavelength_m, without in jackknifed.items():
+        rows = np.flatnonzero((data.wavelength_m == wavelength_m) & (data.theta_i_rad > NADIR_RAD))
+        surface = fitted(data, rows, surface_of(sintered, wavelength_m=wavelength_m), element_noise(data, rows))
+        std = np.std(without, axis=0) * np.sqrt(len(without) - 1.0)
+        cells = (f"{getattr(surface, name):.4f} ± {of:.4f}" for name, of in zip(FREE, std, strict=True))
+        print(f"{'':10s}{wavelength_m * 1e9:6.0f}  " + "".join(f"{cell:>20s}" for cell in cells))
     return sound
+
+
+def _beyond(errors: tuple[float, ...]) -> float:
+    return max(errors[1] ** 2 - errors[2] ** 2, 0.0) ** 0.5
+
+
+def _print_row(kind: str, wavelength: str, errors: tuple[float, ...]) -> None:
+    cells = (*errors[:3], _beyond(errors), errors[3])
+    print(f"{kind:10s}{wavelength:>6s}" + "".join(f"  {value:8.4f}" for value in cells), flush=True)

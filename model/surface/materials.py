@@ -412,7 +412,7 @@ _ALUMINIUM = Material(
 
 _GERMER = (
     "fitted to the Mueller BRDF of Germer, Appl. Opt. 56, 9333 (2017), incidence 15 to 75 deg; "
-    "uncertainty from leaving out one angle of incidence"
+    "uncertainty by a jackknife over the angles of incidence"
 )
 _GERMER_WAVELENGTHS_M = (351e-9, 532e-9, 633e-9, 1064e-9)
 
@@ -438,13 +438,13 @@ _SINTERED_PTFE = Material(
         assumed=True,
     ),
     k=_no_absorption(0.001),
-    slope_rms=constant(0.30, standard_uncertainty=0.03, source=_GERMER, confidence="high", assumed=False),
+    slope_rms=constant(0.315, standard_uncertainty=0.03, source=_GERMER, confidence="high", assumed=False),
     dhr=_of_germer(0.984, 0.982, 0.983, 0.983, standard_uncertainty=0.003),
-    specular_weight=_of_germer(0.061, 0.086, 0.091, 0.103, standard_uncertainty=0.03),
-    single_scattering=_of_germer(0.906, 0.907, 0.932, 1.0, standard_uncertainty=0.07),
-    asymmetry=_of_germer(0.446, 0.507, 0.509, 0.514, standard_uncertainty=0.015),
-    single_dolp=_of_germer(0.179, 0.229, 0.249, 0.271, standard_uncertainty=0.007),
-    depolarization=_of_germer(0.532, 0.347, 0.326, 0.321, standard_uncertainty=0.03),
+    specular_weight=_of_germer(0.054, 0.077, 0.086, 0.097, standard_uncertainty=0.03),
+    single_scattering=_of_germer(0.760, 0.731, 0.741, 0.785, standard_uncertainty=0.12),
+    asymmetry=_of_germer(0.477, 0.545, 0.548, 0.557, standard_uncertainty=0.04),
+    single_dolp=_of_germer(0.181, 0.215, 0.231, 0.232, standard_uncertainty=0.01),
+    depolarization=_of_germer(0.516, 0.334, 0.314, 0.311, standard_uncertainty=0.04),
     diffuse="volume",
 )
 

@@ -16,18 +16,21 @@ Diffuse terms, with E the reflectance of the lobe, B its weight and x = DHR - B 
   T = 1 - B |r|^2 of the mean plane: light enters, loses its polarization and leaves. Reciprocal; conserves
   energy for every polarization of the light that comes in.
 - "volume": f = T(theta_r) f_1 T(theta_i) + x c(theta_r) c(theta_i)^T / (pi mean(c0)). T is the Fresnel
-  transmission of the mean plane, (1 - B |r|^2) as a Mueller matrix. f_1 = w P / (4 pi (cos theta_i +
-  cos theta_r)) is scattered once in a half-space: P00 is the phase function of Henyey and Greenstein, P01 that of
-  a dipole, single_dolp P00(90 deg) sin^2 / (1 + cos^2), P11 = (1 - depolarization) P00,
-  P22 = P11 2 cos / (1 + cos^2) of the scattering angle. c = (1, 0) - (what lobe and f_1 send up of S0 and S1) is
-  left to be scattered often, and loses its polarization except for the way in and out. x is the share of it that
-  gives the DHR. Reciprocal; the total of every polarization is at most 1.
+  transmission of the mean plane, (1 - B |r|^2) as a Mueller matrix. f_1 = w P H(cos theta_i) H(cos theta_r) /
+  (4 pi (cos theta_i + cos theta_r)) is light of a half-space that keeps the pattern of one scattering. P00 is the
+  phase function of Henyey and Greenstein, P01 = single_dolp P00(90 deg) sin^2 that of a dipole,
+  P11 = (1 - depolarization) P00, P22 = P11 2 cos / (1 + cos^2) of the scattering angle.
+  H(mu) = (1 + 2 mu) / (1 + 2 mu sqrt(1 - w (1 - depolarization))) adds light that was scattered several times and
+  is still polarized. c = (1, 0) - (what lobe and f_1 send up of S0 and S1) is scattered often, and loses its
+  polarization except for the way in and out. x is the share of it that gives the DHR. Reciprocal; the total of
+  every polarization is at most 1.
 
 "balance": Hyde, Schmidt and Havrilla (2009), doi:10.1364/OE.17.022138, with the measured DHR in place of
 a perfect reflector's. "coupled": Kelemen and Szirmay-Kalos (2001), Eurographics short presentations. "polarised":
-Baek et al. (2018), doi:10.1145/3272127.3275018. "volume": first order of scattering in a half-space,
-Chandrasekhar, Radiative Transfer (1960); split into single and multiple scattering, Hapke (1981),
-doi:10.1029/JB086iB04p03039; under an interface, Germer (2003), Proc. SPIE 5158, 193; remainder as in "coupled".
+Baek et al. (2018), doi:10.1145/3272127.3275018. "volume": Chandrasekhar, Radiative Transfer (1960), of whose solution for
+polarized light (section 70) all terms that depend on the azimuth have the form of f_1; approximate H, and the split
+into this and the remainder, Hapke (1981), doi:10.1029/JB086iB04p03039; under an interface, Germer (2003), Proc. SPIE
+5158, 193; remainder as in "coupled".
 """
 
 import math
@@ -86,13 +89,12 @@ class Surface:
     specular_weight
         B, share of the surface that shows the lobe (dust and pores hide the rest), 0 to 1.
     single_scattering
-        Of "volume": weight w of the light that one particle of the body scatters, 0 to 1. 1 is a deep body that does
-        not absorb.
+        Of "volume": weight w of the light that keeps the pattern of one scattering, 0 to 1.
     asymmetry
         Of "volume": mean cosine of the angle by which a particle scatters, -0.8 to 0.8.
     single_dolp
         Of "volume": degree of polarization of unpolarised light that one particle scatters by 90 deg, 0 to 1, and
-        less the larger the asymmetry.
+        less the larger the asymmetry and the smaller the depolarization.
     depolarization
         Of "volume": share of polarized light that a particle depolarizes, 0 to 1.
     table
@@ -316,16 +318,26 @@ def _require_ranges(surface: Surface) -> None:
             raise ValueError(f"{name} = {getattr(surface, name)}; allowed is 0 to 1")
     if not abs(surface.asymmetry) <= ASYMMETRY_MOST:
         raise ValueError(f"asymmetry = {surface.asymmetry}; allowed is -{ASYMMETRY_MOST:g} to {ASYMMETRY_MOST:g}")
-    # With more, the directions into which little is scattered would be polarized by more than 1.
-    most = ((1.0 + surface.asymmetry**2) / (1.0 + abs(surface.asymmetry)) ** 2) ** 1.5
+    most = _largest_single_dolp(surface.asymmetry, surface.depolarization)
     if not 0.0 <= surface.single_dolp <= most:
         raise ValueError(
-            f"single_dolp = {surface.single_dolp}; allowed is 0 to {most:.4g} with asymmetry = {surface.asymmetry:g}"
+            f"single_dolp = {surface.single_dolp}; allowed is 0 to {most:.4g} with asymmetry = {surface.asymmetry:g} "
+            f"and depolarization = {surface.depolarization:g}: with more, light would leave a particle with a DoLP above 1"
         )
     if not 0.0 <= surface.dhr_angle_rad < 0.5 * math.pi:
         raise ValueError(f"dhr_angle_rad = {surface.dhr_angle_rad} rad; allowed is 0 to below pi/2")
     if surface.table is not None and (surface.dhr is not None or surface.specular_weight != 0.0):
         raise ValueError("a table is the whole surface: leave out dhr, and give specular_weight = 0")
+
+
+def _largest_single_dolp(asymmetry: float, depolarization: float) -> float:
+    """Return the largest single_dolp for which a particle's Mueller matrix is a sum of Jones matrices (Cloude, 1986)."""
+    cosine = np.linspace(-0.999, 0.999, 181)
+    square, g2 = cosine * cosine, asymmetry**2
+    kept = 2.0 * (1.0 - depolarization) * 2.0 * np.abs(cosine) / (1.0 + square)
+    ratio = 0.5 * np.sqrt((2.0 - depolarization) ** 2 - np.maximum(kept - depolarization, 0.0) ** 2)
+    pattern = ((1.0 + g2) / (1.0 + g2 - 2.0 * asymmetry * cosine)) ** 1.5
+    return float(np.min(ratio * pattern / (1.0 - square)))
 
 
 def _require_dhr(surface: Surface, dhr: float) -> None:
@@ -476,7 +488,9 @@ def _scattered_once(
     g = half_vector_geometry(theta_i_rad, theta_r_rad, phi_rad)
     g2, cosine = surface.asymmetry**2, 1.0 - 2.0 * g.cos2_psi
     at_right_angle = (1.0 - g2) / (1.0 + g2) ** 1.5
-    scale = surface.single_scattering / (4.0 * np.pi * (g.cos_i + g.cos_r))
+    lost = math.sqrt(1.0 - surface.single_scattering * (1.0 - surface.depolarization))
+    h_i, h_r = ((1.0 + 2.0 * mu) / (1.0 + 2.0 * lost * mu) for mu in (g.cos_i, g.cos_r))
+    scale = surface.single_scattering * h_i * h_r / (4.0 * np.pi * (g.cos_i + g.cos_r))
     m00 = scale * (1.0 - g2) / (1.0 + g2 - 2.0 * surface.asymmetry * cosine) ** 1.5
     square = cosine * cosine
     m11 = (1.0 - surface.depolarization) * m00
@@ -485,7 +499,7 @@ def _scattered_once(
         out,
         g,
         m00=m00,
-        m01=scale * surface.single_dolp * at_right_angle * (1.0 - square) / (1.0 + square),
+        m01=scale * surface.single_dolp * at_right_angle * (1.0 - square),
         m11=m11,
         m22=m11 * 2.0 * cosine / (1.0 + square),
     )

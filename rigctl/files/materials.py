@@ -97,13 +97,13 @@ class MaterialFile(Section):
     diffuse: DiffuseKind | None = None
     """Form of the diffuse term; left out, `"volume"` with single_scattering, else `"coupled"`. Example: `"volume"`."""
     single_scattering: From0To1 | None = None
-    """Weight of light that one particle of the body scatters. Example: `{ value = 0.9, std = 0.05 }`."""
+    """Weight of light that keeps the pattern of one scattering. Example: `{ value = 0.75, std = 0.03 }`."""
     asymmetry: Cosine | None = None
     """Mean cosine of the angle by which a particle scatters. Example: `{ value = 0.5, std = 0.05 }`."""
     single_dolp: From0To1 | None = None
     """DoLP of unpolarized light that a particle scatters by 90 deg. Example: `{ value = 0.23, std = 0.02 }`."""
     depolarization: From0To1 | None = None
-    """Share of polarized light that a particle depolarizes. Example: `{ value = 0.4, std = 0.05 }`."""
+    """Share of polarized light that a particle depolarizes. Example: `{ value = 0.3, std = 0.02 }`."""
 
 
 class TableMaterialFile(Section):

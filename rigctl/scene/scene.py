@@ -290,7 +290,7 @@ MATERIAL_ROWS = (
     *(
         _row(key, "", meaning, least, most, place=f"material.{key}")
         for key, meaning, least, most in (
-            ("single_scattering", "Weight of light that one particle of the body scatters", 0.0, 1.0),
+            ("single_scattering", "Weight of light that keeps the pattern of one scattering", 0.0, 1.0),
             ("asymmetry", "Mean cosine of the angle by which a particle scatters", -ASYMMETRY_MOST, ASYMMETRY_MOST),
             ("single_dolp", "DoLP of light that one particle scatters by 90 deg", 0.0, 1.0),
             ("depolarization", "Share of polarized light that a particle depolarizes", 0.0, 1.0),
