@@ -4,9 +4,9 @@ FOLDER/ptfe_mueller/PTFE.data.csv is that of Germer, Appl. Opt. 56, 9333 (2017).
 to others: to the other one of two random halves, or to all but those of its sector of azimuth, or of its angle of
 incidence. The last row is a smooth table through a random half: it has no parameters, only symmetry and reciprocity.
 
-The rms errors are those of f00 (relative), of DoLP, and of S1/S0 and S2/S0; the last two for means of a geometry and its
-mirror image, with what noise alone gives. The noise is what mirror images differ by. The parameters of a fit to all
-geometries are printed last. Their uncertainty is a jackknife over angles of incidence.
+The rms errors are those of f00 (relative), of DoLP, and of S1/S0 and S2/S0. Polarization is that of the mean of a
+geometry and its mirror image; their difference gives the noise. The parameters of a fit to all geometries are printed
+last. Their uncertainty is a jackknife over angles of incidence.
 """
 
 import os

@@ -27,10 +27,10 @@ Diffuse terms, with E the reflectance of the lobe, B its weight and x = DHR - B 
 
 "balance": Hyde, Schmidt and Havrilla (2009), doi:10.1364/OE.17.022138, with the measured DHR in place of
 a perfect reflector's. "coupled": Kelemen and Szirmay-Kalos (2001), Eurographics short presentations. "polarised":
-Baek et al. (2018), doi:10.1145/3272127.3275018. "volume": Chandrasekhar, Radiative Transfer (1960), of whose solution for
-polarized light (section 70) all terms that depend on the azimuth have the form of f_1; approximate H, and the split
-into this and the remainder, Hapke (1981), doi:10.1029/JB086iB04p03039; under an interface, Germer (2003), Proc. SPIE
-5158, 193; remainder as in "coupled".
+Baek et al. (2018), doi:10.1145/3272127.3275018. "volume": Chandrasekhar, Radiative Transfer (1960); in his solution
+for polarized light all terms that depend on the azimuth have the form of f_1 (section 70). Approximate H, and the
+split into f_1 and a remainder: Hapke (1981), doi:10.1029/JB086iB04p03039; under an interface: Germer (2003), Proc.
+SPIE 5158, 193; remainder as in "coupled".
 """
 
 import math
@@ -322,7 +322,7 @@ def _require_ranges(surface: Surface) -> None:
     if not 0.0 <= surface.single_dolp <= most:
         raise ValueError(
             f"single_dolp = {surface.single_dolp}; allowed is 0 to {most:.4g} with asymmetry = {surface.asymmetry:g} "
-            f"and depolarization = {surface.depolarization:g}: with more, light would leave a particle with a DoLP above 1"
+            f"and depolarization = {surface.depolarization:g}; a larger one gives scattered light a DoLP above 1"
         )
     if not 0.0 <= surface.dhr_angle_rad < 0.5 * math.pi:
         raise ValueError(f"dhr_angle_rad = {surface.dhr_angle_rad} rad; allowed is 0 to below pi/2")
@@ -331,7 +331,7 @@ def _require_ranges(surface: Surface) -> None:
 
 
 def _largest_single_dolp(asymmetry: float, depolarization: float) -> float:
-    """Return the largest single_dolp for which a particle's Mueller matrix is a sum of Jones matrices (Cloude, 1986)."""
+    """Return the largest single_dolp for which a sum of Jones matrices makes the Mueller matrix P (Cloude, 1986)."""
     cosine = np.linspace(-0.999, 0.999, 181)
     square, g2 = cosine * cosine, asymmetry**2
     kept = 2.0 * (1.0 - depolarization) * 2.0 * np.abs(cosine) / (1.0 + square)

@@ -73,7 +73,7 @@ def test_light_that_dipoles_scatter_by_a_right_angle_has_the_stated_dolp() -> No
 
 
 def test_particles_give_no_light_a_dolp_above_1() -> None:
-    # The largest allowed single_dolp, without facets; the remainder is unpolarized and would hide a fault: none is left.
+    # The largest allowed single_dolp, without facets, and without the unpolarized remainder, which would hide a fault.
     for asymmetry, depolarization, most in ((0.0, 0.0, 0.5), (0.5, 0.3, 0.58), (-0.4, 0.0, 0.228)):
         surface = Surface(
             n=1.3,
