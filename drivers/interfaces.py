@@ -89,7 +89,7 @@ class RotationStage(Protocol):
     def __exit__(self, *exc_info: object) -> None: ...
 
     def identify(self) -> DeviceIdentity:
-        """Return what the device says of itself."""
+        """Return the identity that the device reports."""
 
     def home(self) -> StagePosition:
         """Search the reference mark; return the readback."""
@@ -193,7 +193,7 @@ class Camera(Protocol):
     def __exit__(self, *exc_info: object) -> None: ...
 
     def identify(self) -> DeviceIdentity:
-        """Return what the device says of itself."""
+        """Return the identity that the device reports."""
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
         """Set exposure and gain; return the settings read back.
@@ -287,7 +287,7 @@ class CameraWithFacts(Protocol):
     """A camera that describes its counts."""
 
     def facts(self) -> CameraFacts:
-        """Return what is known of them."""
+        """Return the facts about its counts."""
 
 
 @runtime_checkable
@@ -298,7 +298,7 @@ class ReportingCamera(Protocol):
         """Return the fate of the pictures so far, even of a lost camera."""
 
     def facts(self) -> CameraFacts:
-        """Return how its counts come about."""
+        """Return the facts about its counts."""
 
     def features(self) -> dict[str, str]:
         """Return settings, controls left unchanged, and own measurements, under the camera's names.
@@ -321,7 +321,7 @@ class Monitor(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is, in its own words."""
+        """Name of the sensor, as it reports it."""
 
     @property
     def unit(self) -> str:

@@ -110,7 +110,7 @@ class Heard(Protocol):
     """Listener to the bytes of a port in both directions; empty bytes mean that the device has gone."""
 
     def __call__(self, data: bytes, *, port: str, from_host: bool) -> None:
-        """Take in some bytes."""
+        """Receive some bytes."""
 
 
 _LISTENERS: list[Heard] = []
@@ -137,7 +137,7 @@ class BytePort(Protocol):
         """Return the received bytes, waiting at most this long [s] for the first; empty if none came."""
 
     def write(self, data: bytes) -> None:
-        """Send all of it."""
+        """Send all bytes."""
 
     def close(self) -> None:
         """Release the link. May be called twice."""
@@ -167,7 +167,7 @@ class SerialPort:
         return came
 
     def write(self, data: bytes) -> None:
-        """Send all of it."""
+        """Send all bytes."""
         self._tell(data, from_host=True)
         try:
             self._port.write(data)

@@ -155,14 +155,14 @@ def _existing(content: Json) -> Json:
 
 
 def _existing_table(content: Mapping[str, Json]) -> dict[str, Json]:
-    told: dict[str, Json] = {}
+    found: dict[str, Json] = {}
     for key, value in content.items():
-        told[key] = _existing(value)
+        found[key] = _existing(value)
         reason = _reason(value)
         if reason is not None and content.get(f"{key}{REASON_SUFFIX}") is None:
-            told[f"{key}{REASON_SUFFIX}"] = reason
+            found[f"{key}{REASON_SUFFIX}"] = reason
     # The content's own reason takes precedence.
-    return told | {key: value for key, value in content.items() if key.endswith(REASON_SUFFIX) and value is not None}
+    return found | {key: value for key, value in content.items() if key.endswith(REASON_SUFFIX) and value is not None}
 
 
 def _reason(value: object) -> str | None:
@@ -202,16 +202,16 @@ def is_anonymous() -> bool:
     return _SECRETS.get() is not None
 
 
-def told(text: str) -> str:
+def anonymized(text: str) -> str:
     """Return a text of a result, anonymous if requested."""
     for secret, instead in _SECRETS.get() or ():
         text = text.replace(secret, instead)
     return text
 
 
-def told_content(content: _JsonT) -> _JsonT:
+def anonymized_content(content: _JsonT) -> _JsonT:
     """Return the content of a JSON file, anonymous if requested."""
-    found: _JsonT = rewritten(content, text=told, value=_told_value) if is_anonymous() else content
+    found: _JsonT = rewritten(content, text=anonymized, value=_anonymized_value) if is_anonymous() else content
     return found
 
 
@@ -229,7 +229,7 @@ def is_personal(key: str) -> bool:
     return not _PERSONAL.isdisjoint(key.lower().split("_"))
 
 
-def _told_value(key: str, value: Json) -> Json:
+def _anonymized_value(key: str, value: Json) -> Json:
     if value is None or not is_personal(key):
         return value
     return None if key in _MAY_BE_UNKNOWN and value != LEFT_OUT else LEFT_OUT

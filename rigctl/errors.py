@@ -18,7 +18,7 @@ class RunFolderError(DataError):
 
 @contextmanager
 def as_config_error(where: str) -> Iterator[None]:
-    """Have what the model refuses said as what is wrong in a file that people write, such as ``scene roof``."""
+    """Raise ValueErrors of the model as ConfigErrors about a file, such as ``scene roof``."""
     try:
         yield
     except ValueError as error:

@@ -119,7 +119,7 @@ class StudyTable:
     columns: tuple[tuple[str, str], ...]  #: quantity and statistic
     cases: tuple[Case, ...]
     numbers: Numbers
-    said: Mapping[str, str]  #: attributes of the store: version, inputs, conventions
+    attributes: Mapping[str, str]  #: attributes of the store: version, inputs, conventions
 
 
 # The whole study.
@@ -166,7 +166,7 @@ def run_study(
             columns=wanted.columns,
             cases=cases,
             numbers=_joined(hashes, read_parts(out)[0], wanted),
-            said={
+            attributes={
                 "title": file.name,
                 "created_by": f"rigctl {code_version()}",
                 "created_utc": utc_text(time.time_ns()),
@@ -566,7 +566,7 @@ def write_study(out: Path, table: StudyTable, sobol: Sequence[SobolIndex]) -> tu
     """Write the store, the tables and the sensitivities into a folder; return the names of the files."""
     _write_zarr(out, table)
     _write_parquet(out, table)
-    sensitivity = _write_sensitivity(sobol, out, created_by=table.said["created_by"]) if sobol else ()
+    sensitivity = _write_sensitivity(sobol, out, created_by=table.attributes["created_by"]) if sobol else ()
     return (REGIONS_TABLE, DETECTION_TABLE, *sensitivity)
 
 
@@ -611,7 +611,7 @@ def _dataset(table: StudyTable) -> Any:
     if numbers.roc.size:
         coords |= {"kind": ("kind", _texts(ROC_KINDS)), "roc_p_false_alarm": ("roc_p_false_alarm", ROC_RATES)}
         variables["roc_p_detection"] = (*shaped(numbers.roc, "kind", "roc_p_false_alarm"), {"units": "1"})
-    return xr.Dataset(variables, coords=coords, attrs=dict(table.said))
+    return xr.Dataset(variables, coords=coords, attrs=dict(table.attributes))
 
 
 def _dimensions(table: StudyTable) -> tuple[tuple[str, ...], tuple[int, ...], dict[str, Any]]:
@@ -648,7 +648,7 @@ def _write_parquet(out: Path, table: StudyTable) -> None:
     from pyarrow import parquet
 
     numbers, n = table.numbers, len(table.cases)
-    said = {key: value.encode() for key, value in table.said.items()}
+    attributes = {key: value.encode() for key, value in table.attributes.items()}
     of_case = {"case": np.arange(n), "scene": np.array(table.scenes)[[case.scene for case in table.cases]]}
     of_case |= {axis.key: np.array([case.values[k][1] for case in table.cases]) for k, axis in enumerate(table.axes)}
 
@@ -657,7 +657,7 @@ def _write_parquet(out: Path, table: StudyTable) -> None:
         columns |= {key: np.tile(value, n) for key, value in inner.items()}
         made = pa.table(columns | {key: np.ravel(value) for key, value in values.items()})
         part = out / f"{name}.part"
-        parquet.write_table(made.replace_schema_metadata(said), part)
+        parquet.write_table(made.replace_schema_metadata(attributes), part)
         part.replace(out / name)
 
     per_region = len(numbers.regions)

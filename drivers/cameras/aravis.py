@@ -32,7 +32,7 @@ _MISSING = (
 
 
 class AravisError(Exception):
-    """Words of libaravis on a call that failed."""
+    """Error message of libaravis for a failed call."""
 
     def __init__(self, message: str, *, is_of_device: bool, code: int) -> None:
         super().__init__(message)
@@ -47,7 +47,7 @@ class _GError(ctypes.Structure):
 _ERROR = ctypes.POINTER(_GError)
 _DEVICE_ERRORS = b"arv-device-error-quark"
 
-# Name -> type of the result and types of the arguments. These tell failures through a GError.
+# Name -> type of the result and types of the arguments. These report failures through a GError.
 _FALLIBLE: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "camera_new": (_POINTER, (_TEXT,)),
     "camera_create_stream": (_POINTER, (_POINTER, _POINTER, _POINTER)),
@@ -114,7 +114,7 @@ _SURE: dict[str, tuple[Any, tuple[Any, ...]]] = {
 
 
 class AravisLibrary:
-    """The library, loaded; `load_aravis` makes one."""
+    """The loaded library; `load_aravis` makes one."""
 
     def __init__(self, aravis: ctypes.CDLL, gobject: ctypes.CDLL, glib: ctypes.CDLL) -> None:
         self._gobject, self._glib = gobject, glib
@@ -202,7 +202,7 @@ class GigeFeatures:
 
     def has(self, feature: str) -> bool:
         """Return whether the camera has this feature and it is available now."""
-        with self.told(feature):
+        with self.errors_translated(feature):
             return bool(self._library.call("device_is_feature_available", self._device, feature.encode()))
 
     def first_of(self, *features: str) -> str | None:
@@ -210,8 +210,8 @@ class GigeFeatures:
         return next((feature for feature in features if self.has(feature)), None)
 
     def text(self, feature: str) -> str:
-        """Read a text or the entry of a list."""
-        with self.told(feature):
+        """Read a text or an enumeration."""
+        with self.errors_translated(feature):
             found = self._library.call("device_get_string_feature_value", self._device, feature.encode())
         return str(found.decode(errors="replace")) if found is not None else ""
 
@@ -219,23 +219,23 @@ class GigeFeatures:
         """Read a floating-point number, which some cameras have as an integer."""
         if self._is_counted(feature):
             return float(self.whole(feature))
-        with self.told(feature):
+        with self.errors_translated(feature):
             return float(self._library.call("device_get_float_feature_value", self._device, feature.encode()))
 
     def whole(self, feature: str) -> int:
-        """Read a whole number, or the number of a list's entry."""
-        with self.told(feature):
+        """Read an integer, or the number of an enumeration's entry."""
+        with self.errors_translated(feature):
             return int(self._library.call("device_get_integer_feature_value", self._device, feature.encode()))
 
     def truth(self, feature: str) -> bool:
-        """Read a yes or no."""
-        with self.told(feature):
+        """Read a boolean."""
+        with self.errors_translated(feature):
             return bool(self._library.call("device_get_boolean_feature_value", self._device, feature.encode()))
 
     def entries(self, feature: str) -> list[str]:
-        """Return what a list can be set to."""
+        """Return the entries of an enumeration."""
         count = ctypes.c_uint()
-        with self.told(feature):
+        with self.errors_translated(feature):
             array = self._library.call(
                 "device_dup_available_enumeration_feature_values_as_strings",
                 self._device,
@@ -247,7 +247,7 @@ class GigeFeatures:
     def whole_limits(self, feature: str) -> tuple[int, int]:
         """Return the smallest and largest value of a whole number."""
         low, high = ctypes.c_int64(), ctypes.c_int64()
-        with self.told(feature):
+        with self.errors_translated(feature):
             self._library.call(
                 "device_get_integer_feature_bounds",
                 self._device,
@@ -263,7 +263,7 @@ class GigeFeatures:
             least, most = self.whole_limits(feature)
             return float(least), float(most)
         low, high = ctypes.c_double(), ctypes.c_double()
-        with self.told(feature):
+        with self.errors_translated(feature):
             self._library.call(
                 "device_get_float_feature_bounds",
                 self._device,
@@ -275,25 +275,25 @@ class GigeFeatures:
 
     def set_text(self, feature: str, value: str) -> None:
         """Set an enumeration; raise an error if the camera reads back another entry."""
-        with self.told(feature):
+        with self.errors_translated(feature):
             self._library.call("device_set_string_feature_value", self._device, feature.encode(), value.encode())
         self._require(feature, asked=value, found=self.text(feature))
 
     def set_whole(self, feature: str, value: int) -> None:
         """Set an integer; raise an error if the camera reads back another one."""
-        with self.told(feature):
+        with self.errors_translated(feature):
             self._library.call("device_set_integer_feature_value", self._device, feature.encode(), value)
         self._require(feature, asked=value, found=self.whole(feature))
 
     def set_truth(self, feature: str, value: bool) -> None:
         """Set a boolean; raise an error if the camera reads back the other value."""
-        with self.told(feature):
+        with self.errors_translated(feature):
             self._library.call("device_set_boolean_feature_value", self._device, feature.encode(), int(value))
         self._require(feature, asked=value, found=self.truth(feature))
 
     def set_number(self, feature: str, value: float, *, relative: float) -> float:
         """Set a number; return the value read back, which may differ by a tolerance because cameras count in steps."""
-        with self.told(feature):
+        with self.errors_translated(feature):
             if self._is_counted(feature):
                 self._library.call("device_set_integer_feature_value", self._device, feature.encode(), round(value))
             else:
@@ -306,11 +306,11 @@ class GigeFeatures:
 
     def execute(self, feature: str) -> None:
         """Run a command of the camera."""
-        with self.told(feature):
+        with self.errors_translated(feature):
             self._library.call("device_execute_command", self._device, feature.encode())
 
     @contextmanager
-    def told(self, what: str) -> Iterator[None]:
+    def errors_translated(self, what: str) -> Iterator[None]:
         """Turn an error of the library into one of the drivers."""
         try:
             yield
@@ -381,9 +381,9 @@ _STATUS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Received:
-    """A picture as it came in."""
+    """A received picture."""
 
-    first_packet_utc_ns: int  #: When its first packet came in, by the host's clock [ns since 1970, UTC].
+    first_packet_utc_ns: int  #: Arrival of its first packet by the host's clock [ns since 1970, UTC].
     #: The fault of a damaged picture, which has no other content; None for a complete one.
     damage: str | None = None
     data: bytes = b""  #: Its bytes.
@@ -464,7 +464,7 @@ class GigeStream:
         return FrameTally(packets=max(0, seen), packets_lost=incomplete + resent, packets_resent=resent)
 
     def close(self) -> None:
-        """Give up the stream. May be called twice."""
+        """Release the stream. May be called twice."""
         if self._stream is not None:
             self._library.release(self._stream)
             self._stream = None
@@ -503,7 +503,7 @@ class GigeStream:
         return self._stream
 
 
-def loss_told(tally: FrameTally, *, address: str, packet_size: int) -> str:
+def loss_text(tally: FrameTally, *, address: str, packet_size: int) -> str:
     """Return the measured loss of packets and advice, in one or two sentences."""
     share = tally.packets_lost / tally.packets if tally.packets else 0.0
     again = (
@@ -580,7 +580,7 @@ class CameraClock:
         self._looks: deque[_Look] = deque()
         self._hz: int | None = None
         self.ptp: PtpState | None = None
-        self._ptp_said = "off"
+        self._ptp_text = "off"
         self._switch = features.first_of(*_PTP_SWITCHES)
         if ptp is not None and self._switch is not None:
             features.set_truth(self._switch, ptp)
@@ -613,12 +613,12 @@ class CameraClock:
         error_ns = last.error_ns + tick_ns + round(abs(since_ns) * rate_error)
         return last.monotonic_ns + host_ns, error_ns
 
-    def told(self) -> str | None:
+    def description(self) -> str | None:
         """Describe the clock for people; None if the camera does not report it."""
         if self._latch is None or self._hz is None:
             return None
         rate, rate_error = self._rate()
-        ptp = f"; PTP {self._ptp_said}" if self._switch is not None else ""
+        ptp = f"; PTP {self._ptp_text}" if self._switch is not None else ""
         measured = f"{rate * 1e6:+.1f} ppm" if rate_error < _QUARTZ else "rate not known yet"
         return f"{self._latch[0]}, read to {self._looks[-1].error_ns / 1e3:.0f} us, {measured}{ptp}"
 
@@ -680,21 +680,21 @@ class CameraClock:
         """Return the state of the PTP clock; None if it follows no master with the time of day."""
         features = self._features
         if self._switch is None or not features.truth(self._switch):
-            self._ptp_said = "off"
+            self._ptp_text = "off"
             return None
         latch = features.first_of(*_PTP_LATCHES)
         if latch is not None:
             features.execute(latch)
         state, offset = features.first_of(*_PTP_STATES), features.first_of(*_PTP_OFFSETS)
-        self._ptp_said = "tells no state" if state is None else features.text(state)
-        if state is None or offset is None or self._ptp_said != _FOLLOWS:
+        self._ptp_text = "tells no state" if state is None else features.text(state)
+        if state is None or offset is None or self._ptp_text != _FOLLOWS:
             return None
         offset_ns, last = abs(features.whole(offset)), self._looks[-1]
         ahead_ns = self._ns(last.ticks) - (last.monotonic_ns + self._utc_ns() - self._now_ns())
         ahead_s = min((0, _TAI_AHEAD_S), key=lambda whole_s: abs(ahead_ns - whole_s * _NS_HZ))
         behind_ns = ahead_ns - ahead_s * _NS_HZ
         if abs(behind_ns) >= _HALF_SECOND_NS:
-            self._ptp_said += f", of a master that is {ahead_ns / 1e9:.3g} s ahead of this machine: not used"
+            self._ptp_text += f", of a master that is {ahead_ns / 1e9:.3g} s ahead of this machine: not used"
             return None
-        self._ptp_said += f", {offset_ns} ns from its master; this machine is {behind_ns / 1e6:.2f} ms behind it"
+        self._ptp_text += f", {offset_ns} ns from its master; this machine is {behind_ns / 1e6:.2f} ms behind it"
         return PtpState(offset_ns=offset_ns, ahead_s=ahead_s, host_behind_ns=behind_ns)

@@ -95,7 +95,7 @@ _SILENT = "It is off, unplugged, or hangs; it is opened again once that call has
 
 
 class OpenCamera(Camera, ReportingCamera, Protocol):
-    """What is called in a thread of its own."""
+    """An open camera, called in a thread of its own."""
 
 
 # Abandoned calls by the camera's name; opening it again waits for them.
@@ -103,7 +103,7 @@ _left: dict[str, Caller] = {}
 
 
 class BoundedCamera:
-    """A camera that is open."""
+    """An open camera whose calls end in time."""
 
     def __init__(
         self,
@@ -138,7 +138,7 @@ class BoundedCamera:
         return self._identity
 
     def facts(self) -> CameraFacts:
-        """Return how its counts come about."""
+        """Return the facts about its counts."""
         self._refuse_closed()
         return self._facts
 
@@ -150,7 +150,7 @@ class BoundedCamera:
         """Return the camera's settings and its own measurements."""
         self._refuse_closed()
         camera = self._here(deadline_s=self._now_s() + _TELLING_S)
-        return self._call(camera.features, within_s=_TELLING_S, what="telling its features")
+        return self._call(camera.features, within_s=_TELLING_S, what="reading its features")
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
         """Set exposure and gain; return the settings read back."""
@@ -186,7 +186,7 @@ class BoundedCamera:
             # An interrupted call is allowed to end, so that the camera is free afterwards.
             caller.call(camera.close, within_s=_CLOSING_S + max(0.0, self._busy_until_s - self._now_s()))
         except DeviceError:
-            pass  # it was going away
+            pass  # the camera was being closed
         except LeftBehindError:
             _left[self._name] = caller
         caller.end(camera.close)
@@ -197,7 +197,7 @@ class BoundedCamera:
 
     def _opened(self) -> OpenCamera:
         if self._camera is None:
-            raise NotConnectedError(f"{self._name}: it was given up")
+            raise NotConnectedError(f"{self._name}: the connection was given up")
         return self._camera
 
     def _here(self, *, deadline_s: float) -> OpenCamera:
@@ -252,7 +252,7 @@ class BoundedCamera:
 
     def _call(self, job: Callable[[], Result], *, within_s: float, what: str) -> Result:
         if self._caller is None:
-            raise NotConnectedError(f"{self._name}: it was given up")
+            raise NotConnectedError(f"{self._name}: the connection was given up")
         start_s = self._now_s()
         self._busy_until_s = start_s + within_s
         try:

@@ -23,7 +23,7 @@ _FILE_BITS = 16
 # 2 bytes per pixel of the largest sensor; a PNG has width and height in bytes 16 to 24.
 _MOST_BYTES = 268_000_000
 _PNG, _PNG_HEADER, _PNG_SIZE = b"\x89PNG", 24, struct.Struct(">II")
-# So few values may have a common factor by chance, as in a dark picture.
+# With fewer different values than this, such as in a dark picture, a common factor may be chance.
 _FEW_VALUES = 16
 
 # Length and last change of a file.
@@ -99,7 +99,7 @@ class FolderCamera:
         return self._settings()
 
     def tally(self) -> FrameTally:
-        """Return what became of the files so far."""
+        """Return the fate of the files so far."""
         return self._tally
 
     def facts(self) -> CameraFacts:

@@ -22,7 +22,7 @@ from drivers.cameras.aravis import (
     Received,
     device_error,
     load_aravis,
-    loss_told,
+    loss_text,
 )
 from drivers.cameras.bounded_camera import (
     Asked,
@@ -138,7 +138,7 @@ class GigeOptions:
 
     @property
     def camera_name(self) -> str:
-        """What messages call it."""
+        """Name of the camera in messages."""
         return f"{_NAMES[self.link]} {self.place}"
 
 
@@ -252,7 +252,7 @@ def _open(place: str, *, link: Link) -> BoundedCamera:
 
 @dataclass(frozen=True, kw_only=True)
 class _FoundCamera:
-    """A camera that answered a call to all."""
+    """A camera that answered a broadcast."""
 
     address: str
     serial_number: str
@@ -312,7 +312,7 @@ def _address_of(library: AravisLibrary, place: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class GigeSetup:
-    """Settings of a camera that is set up."""
+    """Settings written when a camera was opened."""
 
     pixel_format: PixelFormat  #: Of its samples.
     pixel_format_code: int  #: Number of each picture.
@@ -410,7 +410,7 @@ class GigeLink:
         return self.settings()
 
     def settings(self) -> CameraSettings:
-        """Read what the camera is set to."""
+        """Read the camera's settings."""
         setup = self.setup
         return CameraSettings(
             exposure_s=self.features.number(setup.exposure_feature) * setup.exposure_step_us / _US_PER_S,
@@ -559,7 +559,7 @@ class GigeCamera:
         self.close()
 
     def identify(self) -> DeviceIdentity:
-        """Return what the camera said of itself when it was opened."""
+        """Return the identity that the camera reported when it was opened."""
         self._opened()
         return self._identity
 
@@ -590,11 +590,11 @@ class GigeCamera:
         used = dict(link.features.used) | ({} if link.setup.plane is None else {"plane": link.setup.plane})
         for feature in filter(link.features.has, _THERMOMETERS):
             used[feature] = f"{link.features.number(feature):g}"
-        clock = link.clock.told()
+        clock = link.clock.description()
         return used if clock is None else used | {"clock": clock}
 
     def take_frame(self, *, timeout_s: float) -> Frame:
-        """Return a picture whose exposure began after this call, complete and with the settings that it names."""
+        """Return a complete picture whose exposure began after this call, with its settings."""
         self._opened()
         if self._settings.exposure_s > timeout_s:
             raise DeviceTimeoutError(
@@ -728,7 +728,7 @@ class GigeCamera:
         packet_size = self._opened().packet_size
         if packet_size is None:
             return "Check the cable and the USB hub, and keep other devices off this bus"
-        return loss_told(
+        return loss_text(
             self._packets(), address=_address_of(self._library, self._options.place), packet_size=packet_size
         )
 
@@ -968,7 +968,7 @@ def _set_packet_size(
             f"{address}: packet_size is {size} bytes, and the interface to the camera carries {mtu}. Use less, or  "
             "raise the MTU of the interface and of every switch between"
         )
-    with features.told("packet size"):
+    with features.errors_translated("packet size"):
         library.call("camera_gv_set_packet_size", camera, size)
         taken = int(library.call("camera_gv_get_packet_size", camera))
     features.used["GevSCPSPacketSize"] = str(taken)
@@ -988,7 +988,7 @@ def _set_bandwidth(
     if packet_size is None:
         raise LimitError(f"its bandwidth cannot be set ({', '.join(_BANDWIDTH)})")
     pause_ns = max(0, round(packet_size * 1e3 / asked_mb_per_s - packet_size * _GIGABIT_NS_PER_BYTE))
-    with features.told("packet delay"):
+    with features.errors_translated("packet delay"):
         library.call("camera_gv_set_packet_delay", camera, pause_ns)
         taken_ns = int(library.call("camera_gv_get_packet_delay", camera))
     if abs(taken_ns - pause_ns) > _PAUSE_TOLERANCE * pause_ns:

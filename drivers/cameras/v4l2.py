@@ -216,7 +216,7 @@ class VideoNode(Protocol):
 
     @property
     def path(self) -> str:
-        """Return its name in messages."""
+        """Return the name for messages."""
 
     def request(self, number: int, content: Any) -> None:
         """Make a request; its content is changed in place. Raises OSError."""
@@ -565,7 +565,7 @@ class V4l2Camera:
         return self._settings
 
     def tally(self) -> FrameTally:
-        """Return what became of the pictures so far."""
+        """Return the fate of the pictures so far."""
         return self._tally
 
     def facts(self) -> CameraFacts:
@@ -622,7 +622,7 @@ class V4l2Camera:
 
     def _identified(self) -> DeviceIdentity:
         found = Capability()
-        _request_of(self._node, QUERYCAP, found, "asking what it is")
+        _request_of(self._node, QUERYCAP, found, "reading its identity")
         if not can_take_pictures(found):
             raise NotConnectedError(f"{self._name}: it is not a streaming camera; try the next /dev/video*")
         version = (found.version >> 16, found.version >> 8 & 0xFF, found.version & 0xFF)
@@ -635,7 +635,7 @@ class V4l2Camera:
     def _set_format(self) -> PixFormat:
         """Set size and format; raise LimitError if the device chose others."""
         content = Format(type=CAPTURE)
-        _request_of(self._node, G_FMT, content, "asking for its format")
+        _request_of(self._node, G_FMT, content, "reading its format")
         pix, letters = content.fmt.pix, self._options.pixel_format.ljust(4)
         asked = (self._options.width or pix.width, self._options.height or pix.height, fourcc(letters))
         pix.width, pix.height, pix.pixelformat = asked
@@ -800,7 +800,7 @@ def _open(options: V4l2Options) -> V4l2Camera:
 def _address_and_identity(node: VideoNode) -> tuple[str, DeviceIdentity] | None:
     """Return a device's address and identity; None if it takes no pictures."""
     capability = Capability()
-    _request_of(node, QUERYCAP, capability, "asking what it is")
+    _request_of(node, QUERYCAP, capability, "reading its identity")
     if not can_take_pictures(capability):
         return None
     offered = _formats(node)

@@ -240,7 +240,7 @@ class MessageParser:
         return len(self._unread)
 
     def reset(self) -> None:
-        """Forget what has come in."""
+        """Discard received bytes."""
         self._unread = b""
 
     def _pass_over_rubbish(self) -> None:
@@ -308,10 +308,10 @@ _CHANNEL_FIRST = 14  # bytes of data, which begin with the channel
 _FAULT, _FAULT_WITH_TEXT = 0x0080, 0x0081
 # Number of a message from the unit -> length of its data.
 _DATA_BYTES = {
-    0x0006: 84,  # what it is
+    0x0006: 84,  # identity
     _FAULT: 0,
     _FAULT_WITH_TEXT: 68,
-    0x0212: 0,  # whether the motor is on
+    0x0212: 0,  # state of the motor
     0x0415: _CHANNEL_FIRST,  # velocity parameters
     0x0442: _CHANNEL_FIRST,  # home parameters
     0x0444: 0,  # homed; some stages never send it

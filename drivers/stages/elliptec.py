@@ -147,7 +147,7 @@ class ReplyParser:
         self._skipping = False
 
     def feed(self, data: bytes) -> None:
-        """Take bytes in. Raises ProtocolError, and forgets them, when too many are unread."""
+        """Add bytes. Raises ProtocolError and discards them if too many are unread."""
         self._unread += data
         if len(self._unread) > _LONGEST_UNREAD:
             start = self._unread[:16]
@@ -165,7 +165,7 @@ class ReplyParser:
         return None
 
     def reset(self) -> None:
-        """Forget what has come in."""
+        """Discard received bytes."""
         self._unread = b""
         self._skipping = False
 

@@ -117,14 +117,14 @@ class DiskCalls:
     def call(self, job: Callable[[], Result]) -> Result:
         """Return what a call returns."""
         if self.is_hung:
-            raise RunFolderError(self.told())
+            raise RunFolderError(self.message())
         if self._caller is None:
             self._caller = Caller("calls to the disk")
         try:
             return self._caller.call(job, within_s=self.stalled_s)
         except LeftBehindError as error:
             self.is_hung = True
-            raise RunFolderError(self.told()) from error
+            raise RunFolderError(self.message()) from error
 
     def give_up(self) -> None:
         """Stop waiting, since a hanging disk was noticed elsewhere."""
@@ -144,8 +144,8 @@ class DiskCalls:
         finally:
             caller.end(last if self.is_hung else _nothing)
 
-    def told(self) -> str:
-        """Return what is said of a disk that hangs."""
+    def message(self) -> str:
+        """Return the error message of a hanging disk."""
         return (
             f"the disk hangs: a write has not returned for {self.stalled_s:g} s. Check its cable and `dmesg`, then "
             "`rigctl resume`"

@@ -23,7 +23,7 @@ from rigctl.calibrations.made_for import (
     made_for_of_file,
     require_fit,
 )
-from rigctl.console import Json, told_content
+from rigctl.console import Json, anonymized_content
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.toml import describe, other_schema
 from rigctl.runs.folder import MANIFEST_FILE, Run
@@ -106,7 +106,7 @@ def header_of(
 
 def write_content(path: Path, content: Mapping[str, Json]) -> None:
     """Write a calibration whole, or not at all. A file of that name is replaced."""
-    write_whole(path, (json.dumps(told_content(content), indent=2, allow_nan=False) + "\n").encode("ascii"))
+    write_whole(path, (json.dumps(anonymized_content(content), indent=2, allow_nan=False) + "\n").encode("ascii"))
 
 
 def write_whole(path: Path, data: bytes) -> None:

@@ -391,7 +391,7 @@ def refused_regions(checks: Sequence["Check"]) -> dict[str, str]:
 
 def refusals(checks: Sequence["Check"]) -> tuple[str, ...]:
     """Return why a run or some of its regions are unsound; a reason of many regions once."""
-    return tuple(f"{title.removeprefix('refused, ')}: {text}" for title, text in said_of(checks, "refused"))
+    return tuple(f"{title.removeprefix('refused, ')}: {text}" for title, text in titled_texts(checks, "refused"))
 
 
 def reservations(checks: Sequence["Check"], regions: Mapping[str, RegionVerdict]) -> str:
@@ -422,7 +422,7 @@ def unjudged_lines(regions: Mapping[str, RegionVerdict], checks: Sequence["Check
     return [f"{', '.join(names)} cannot be judged: {reason}" for reason, names in by_reason.items()]
 
 
-def said_of(checks: Sequence["Check"], *verdicts: str) -> list[tuple[str, str]]:
+def titled_texts(checks: Sequence["Check"], *verdicts: str) -> list[tuple[str, str]]:
     """Return checks of some verdicts as heading and text; checks of one kind together."""
     groups: dict[tuple[str, str], list[Check]] = {}
     for check in checks:

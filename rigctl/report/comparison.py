@@ -27,7 +27,7 @@ from model.quantities import FOLLOWED, QUANTITIES, angle_of
 from model.stokes import dolp as degree_of_polarization
 from rigctl.base.numbers import NOTHING, chance, p_value, plus_minus, signed, size, to_digits
 from rigctl.calibrations.made_for import MeasuredOverFrames
-from rigctl.comparison.checks import ADVICE, not_judged, refusals, reservations, said_of, unjudged_lines
+from rigctl.comparison.checks import ADVICE, not_judged, refusals, reservations, titled_texts, unjudged_lines
 from rigctl.comparison.compare import ALLOWED_SHARE
 from rigctl.comparison.rows import FAULTS, error_of_both, off_prediction
 from rigctl.console import LEFT_OUT, is_anonymous, is_personal, rewritten
@@ -696,7 +696,7 @@ def _reasons(comparison: Comparison) -> Iterable[str]:
         f"{comparison.alpha:g}."
     )
     yield from (ADVICE[cause] for cause in comparison.points_to)
-    yield from (f"{title[:1].upper()}{title[1:]}: {text}" for title, text in said_of(comparison.checks, "flagged"))
+    yield from (f"{title[:1].upper()}{title[1:]}: {text}" for title, text in titled_texts(comparison.checks, "flagged"))
 
 
 def _summary(comparison: Comparison) -> Section:
@@ -923,7 +923,7 @@ _LIBRARIES = ("numpy", "scipy", "matplotlib", "opencv-contrib-python-headless", 
 def provenance_json(found: Comparison) -> dict[str, Json]:
     """Return the provenance of a comparison as JSON, without absolute paths."""
     run = found.measurement.run
-    told = {
+    named = {
         "program": f"rigctl {VERSION}",
         "run": {"path": str(run.path), "created_by": run.created_by, "created_utc": run.created_utc},
         "files": found.files,
@@ -933,19 +933,19 @@ def provenance_json(found: Comparison) -> dict[str, Json]:
         | {"python": platform.python_version(), "processor": platform.machine()},
         "session": run.session_json,
     }
-    return dict(told_places(told))
+    return dict(relative_paths(named))
 
 
-def told_places(content: Any) -> Any:
+def relative_paths(content: Any) -> Any:
     """Return the content of a report without absolute paths; without folders and personal values if anonymous."""
 
     def value(key: str, one: Json) -> Json:
         return LEFT_OUT if is_anonymous() and one is not None and is_personal(key) else one
 
-    return rewritten(content, text=_told_path, value=value)
+    return rewritten(content, text=_relative_path, value=value)
 
 
-def _told_path(text: str) -> str:
+def _relative_path(text: str) -> str:
     if is_anonymous() and "/" in text and "\n" not in text and "://" not in text:
         return PurePath(text).name
     if text.startswith("/") and "\n" not in text and len(text) < os.pathconf("/", "PC_PATH_MAX"):
@@ -959,7 +959,7 @@ def source_table(found: Comparison) -> Table[tuple[str, str]]:
     first = grid.records[0][0]
     exposures = "not known" if grid.exposures_s is None else ", ".join(f"{1000 * t:g}" for t in grid.exposures_s)
     facts = {
-        "run": told_places(str(measurement.run.path)),
+        "run": relative_paths(str(measurement.run.path)),
         "frames come from": measurement.run.session.origin or "not said",
         "camera": f"{first.camera_model or 'not known'}, serial number {_serial(first.camera_serial)}",
         "stage": f"{first.stage_model or 'not known'}, serial number {_serial(first.stage_serial)}",

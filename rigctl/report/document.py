@@ -22,7 +22,7 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table as TerminalTable
 
 from rigctl.base.numbers import finite
-from rigctl.console import told
+from rigctl.console import anonymized
 
 Value = str | float | int | bool | None
 Backend = Literal["pandas", "polars"]
@@ -188,7 +188,7 @@ def value_columns(*keys: str) -> tuple[Column[Any], ...]:
 def _csv_cell(column: Column[Any], row: Any) -> Value:
     value = column.csv(row) if column.csv is not None else column.value_of(row)
     if isinstance(value, str):
-        return told(value)
+        return anonymized(value)
     return "" if value is None or (isinstance(value, float) and math.isnan(value)) else value
 
 

@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from rigctl.base.destination import require_replaceable
 from rigctl.base.durable import write_durably
-from rigctl.console import Json, json_text, told, told_content
+from rigctl.console import Json, anonymized, anonymized_content, json_text
 from rigctl.report.document import AnyTable, Report, Shown, Table, block_kind
 from rigctl.version import VERSION
 
@@ -48,7 +48,7 @@ def encoded(content: Content, name: str) -> bytes:
     if isinstance(content, Table):
         return content.csv().encode()
     if not isinstance(content, Report):
-        return json_text(told_content(content)).encode()
+        return json_text(anonymized_content(content)).encode()
     if name.lower().endswith(".pdf"):
         from rigctl.report.pdf import pdf
 
@@ -74,7 +74,7 @@ def _base64(png: bytes) -> Markup:
 
 
 def _finished(value: object) -> object:
-    return told(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+    return anonymized(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 # Rows of a table and width of a picture in a notebook.

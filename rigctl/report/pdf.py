@@ -19,7 +19,7 @@ from reportlab.pdfbase.pdfmetrics import stringWidth
 from reportlab.platypus import Image, KeepTogether, Paragraph, Preformatted, SimpleDocTemplate, Spacer
 from reportlab.platypus import Table as Grid
 
-from rigctl.console import told
+from rigctl.console import anonymized
 from rigctl.report.document import AnyTable, Column, Picture, Report, Section, Shown, block_kind
 
 # Raw bytes: base 85 makes a file a quarter longer and doubles the time.
@@ -244,7 +244,7 @@ def _page_number(canvas: Any, document: Any) -> None:
 
 
 def _plain(text: str) -> str:
-    return told(text).translate(_TRANSLATED)
+    return anonymized(text).translate(_TRANSLATED)
 
 
 def _safe(text: str) -> str:

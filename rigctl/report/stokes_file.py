@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.base.durable import sha256_of
-from rigctl.console import is_anonymous, told
+from rigctl.console import anonymized, is_anonymous
 from rigctl.errors import ConfigError
 from rigctl.measure.measure import Measurement
 from rigctl.measure.pixel_errors import Doubt, PixelErrors
@@ -169,7 +169,7 @@ def _facts(measurement: Measurement, errors: PixelErrors, calibrations: Mapping[
     for number, (kind, path) in enumerate(sorted(calibrations.items()), start=1):
         facts[f"CAL{number}"] = (f"{kind} {path.name}", "calibration")
         facts[f"CAL{number}HASH"] = sha256_of(path)
-    return {key: _told(value) for key, value in facts.items()}
+    return {key: _card_value(value) for key, value in facts.items()}
 
 
 def _times(frames: Sequence[FrameRecord]) -> dict[str, str]:
@@ -188,13 +188,13 @@ def _times(frames: Sequence[FrameRecord]) -> dict[str, str]:
     return {"TIMESYS": "UTC"} | {key: str(when.astype("datetime64[ms]")) for key, when in times.items()}
 
 
-def _told(value: Any) -> Any:
+def _card_value(value: Any) -> Any:
     """Return a card's value in ASCII and without names of machines, infinity as text."""
     if isinstance(value, tuple):
-        return _told(value[0]), value[1]
+        return _card_value(value[0]), value[1]
     if isinstance(value, float) and not np.isfinite(value):
         return "infinite"
-    return told(value).encode("ascii", "replace").decode() if isinstance(value, str) else value
+    return anonymized(value).encode("ascii", "replace").decode() if isinstance(value, str) else value
 
 
 def stokes_hdf5(measurement: Measurement, errors: PixelErrors, calibrations: Mapping[str, Path], out: Path) -> None:

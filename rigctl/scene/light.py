@@ -566,12 +566,12 @@ class SceneLight:
             from model.atmosphere.sasktran2_engine import sasktran2_solution as solver
         tell = self._tell
 
-        def told(layers: "tuple[Layer, ...]", **how: "Unpack[HowToSolve]") -> "DiffuseLight":
+        def solve_and_report(layers: "tuple[Layer, ...]", **how: "Unpack[HowToSolve]") -> "DiffuseLight":
             if tell is not None:
                 tell(sum(layer.full_depth for layer in layers))
             return solver(layers, **how)
 
-        return LightStore(solver=told)
+        return LightStore(solver=solve_and_report)
 
     def illumination(self, scene: "Scene") -> "Illumination":
         """Return sun, sky and air of a scene."""

@@ -297,12 +297,12 @@ def _short(found: "Comparison") -> str:
 
 def _of_run(found: "Comparison") -> Iterable[str]:
     """Return the faults and checks of the run, and the regions that cannot be judged."""
-    from rigctl.comparison.checks import said_of, unjudged_lines
+    from rigctl.comparison.checks import titled_texts, unjudged_lines
     from rigctl.measure.faults import term_text
 
     yield from (f"the run shows {term_text(term)}" for term in found.run.diagnosis.mentioned)
     shown = ("flagged",) if found.agrees is None else ("flagged", "refused")
-    yield from (f"{title}: {text}" for title, text in said_of(found.checks, *shown))
+    yield from (f"{title}: {text}" for title, text in titled_texts(found.checks, *shown))
     if found.agrees is not None:
         yield from unjudged_lines(found.regions, found.checks)
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, TypedDict, cast
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rigctl.console import Json, json_text, results, told_content
+from rigctl.console import Json, anonymized_content, json_text, results
 from rigctl.errors import ConfigError
 from rigctl.files.choices import COMMA_SEPARATED, EffectRule, Engine, LightPart, ScaleKind, SnrKind
 
@@ -329,7 +329,7 @@ class Result:
 
     def show_json(self) -> None:
         """Print the JSON on standard output."""
-        sys.stdout.write(json_text(told_content(self.as_json())))
+        sys.stdout.write(json_text(anonymized_content(self.as_json())))
 
     def follow(self) -> None:
         """Continue after the content was shown: a page answers until Ctrl-C."""

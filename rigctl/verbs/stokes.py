@@ -280,11 +280,11 @@ class StokesResult(Result):
         )
 
     def _faults(self) -> Iterable[str]:
-        from rigctl.comparison.checks import said_of
+        from rigctl.comparison.checks import titled_texts
         from rigctl.measure.faults import term_text
 
         yield from (f"the run shows {term_text(term)}" for term in self.run.diagnosis.mentioned)
-        yield from (f"{title}: {text}" for title, text in said_of(self.checks, "flagged", "refused"))
+        yield from (f"{title}: {text}" for title, text in titled_texts(self.checks, "flagged", "refused"))
         yield from (f"{name} cannot be measured: {why}" for name, why in self.measurement.unmeasured.items())
 
     def as_json(self) -> dict[str, Json]:

@@ -135,7 +135,7 @@ class StudyResult(Result):
             "failed": self.failed,
             "seconds_of_new_sky": self.seconds_of_new_sky,
             "seconds_of_same_sky": self.seconds_of_same_sky,
-            "created_by": self.table.said["created_by"],
+            "created_by": self.table.attributes["created_by"],
         }
 
     def write(self, folder: Path) -> tuple[str, ...]:

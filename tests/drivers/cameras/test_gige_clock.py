@@ -100,7 +100,7 @@ def test_a_stamp_is_a_time_within_the_error_that_is_told(latch, hz, says_hz, ppm
         moment = clock.moment_of(camera.stamp_ns())
         assert abs(moment[0] - camera.host_ns) <= moment[1]
     assert moment[1] < QUESTION_NS
-    told = re.fullmatch(r"\w+, read to 50 us, (\S+) ppm", clock.told())
+    told = re.fullmatch(r"\w+, read to 50 us, (\S+) ppm", clock.description())
     assert told is not None
     assert float(told[1]) == pytest.approx(ppm, abs=5.0)
 
@@ -109,7 +109,7 @@ def test_a_clock_that_stands_still_is_none():
     camera = Features(ppm=-1e6)
     clock = clock_of(camera)
     look_for(clock, camera, 2.0)
-    assert (clock.moment_of(camera.stamp_ns()), clock.told()) == (None, None)
+    assert (clock.moment_of(camera.stamp_ns()), clock.description()) == (None, None)
 
 
 def test_a_clock_that_was_set_is_learned_anew():
@@ -137,7 +137,7 @@ def test_a_camera_without_a_clock_tells_none(camera):
     camera.refuses = True
     clock = clock_of(camera)
     look_for(clock, camera, 1.0)
-    assert (clock.moment_of(S), clock.told()) == (None, None)
+    assert (clock.moment_of(S), clock.description()) == (None, None)
 
 
 def ptp_clock(**state):
@@ -152,7 +152,7 @@ def test_a_master_gives_utc_or_tai(ahead_s):
     clock = ptp_clock(ahead_ns=ahead_s * S + S // 10)
     assert (clock.ptp.ahead_s, clock.ptp.offset_ns) == (ahead_s, 250)
     assert clock.ptp.host_behind_ns == pytest.approx(S // 10, abs=QUESTION_NS)
-    assert "Slave, 250 ns from its master; this machine is" in clock.told()
+    assert "Slave, 250 ns from its master; this machine is" in clock.description()
 
 
 @pytest.mark.parametrize(
@@ -161,7 +161,7 @@ def test_a_master_gives_utc_or_tai(ahead_s):
 def test_a_clock_that_follows_no_master_of_the_time_of_day_is_not_utc(state):
     clock = ptp_clock(**state)
     assert clock.ptp is None
-    assert clock.told() is not None
+    assert clock.description() is not None
 
 
 def test_a_camera_that_cannot_follow_a_master_is_refused():

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from rigctl import cli
 from rigctl.console import anonymous
-from rigctl.report.comparison import told_places
+from rigctl.report.comparison import relative_paths
 from rigctl.report.document import Column, Picture, Report, Section, Shown, Table, Verbatim, text_columns
 from rigctl.report.files import encoded, html
 from rigctl.report.pdf import pdf
@@ -184,12 +184,12 @@ def test_raw_json_stands_on_the_page_and_on_no_paper(monkeypatch):
 
 def test_absolute_paths_are_relative_to_the_working_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert told_places({"run": f"{tmp_path}/runs/a", "n": 2}) == {"run": "runs/a", "n": 2}
+    assert relative_paths({"run": f"{tmp_path}/runs/a", "n": 2}) == {"run": "runs/a", "n": 2}
 
 
 def test_an_anonymous_report_names_no_folder_serial_number_or_site():
     with anonymous([]):
-        told = told_places({"path": "/home/ann/a.toml", "camera_serial": "11", "rig": {"site": {"x": 1}}})
+        told = relative_paths({"path": "/home/ann/a.toml", "camera_serial": "11", "rig": {"site": {"x": 1}}})
     assert told == {"path": "a.toml", "camera_serial": "left out", "rig": {"site": "left out"}}
 
 
