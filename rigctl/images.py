@@ -125,7 +125,7 @@ def _value(data: bytes, start: int, order: str, pointer: str, kind: str, *, big:
     return int(value)
 
 
-# Of a header: FITS cards, and what a RAW file tells of itself.
+# Values of FITS cards, or of the facts that a RAW file contains.
 HeaderValue = str | float | bool
 EXPOSURE, ISO, BLACK, WHITE, FLIP = "EXPTIME", "ISO", "BLACK", "WHITE", "FLIP"
 # Cameras round the exposure that they write; a third of a stop is 26 %.
@@ -143,19 +143,19 @@ def raw_picture(path: Path, *, plane: Plane | None) -> RawPicture:
 
 
 def raw_header(picture: RawPicture) -> dict[str, HeaderValue]:
-    """Return what a RAW file tells, under names that ``--exposure-key`` and ``--black-level-key`` can ask for."""
-    told: dict[str, HeaderValue | None] = {
+    """Return the facts of a RAW file under the keywords that ``--exposure-key`` and ``--black-level-key`` may name."""
+    facts: dict[str, HeaderValue | None] = {
         EXPOSURE: picture.exposure_s,
         ISO: picture.iso,
         BLACK: picture.black_level_dn,
         WHITE: picture.white_level_dn,
         FLIP: picture.flip,
     }
-    return {name: value for name, value in told.items() if value is not None}
+    return {name: value for name, value in facts.items() if value is not None}
 
 
 def unlike_settings(stack: Sequence[tuple[Path, Mapping[str, HeaderValue]]], *, same_exposure: bool) -> list[str]:
-    """Return what differs between the first of a stack of RAW files and the others, by their headers, and must not."""
+    """Return settings that differ between the first RAW file and the others and must be equal."""
     problems = []
     for path, header in stack[1:]:
         first_path, first = stack[0]
@@ -217,20 +217,20 @@ def unfiltered_png(data: bytes) -> NDArray[np.uint16] | NDArray[np.uint8] | None
 
 
 def _inflated(packed: bytes, size: int) -> bytes | None:
-    """Return what a zlib stream of rows holds, None where that is not so many bytes, or the first row has a filter.
+    """Return the content of a zlib stream of rows; None if its size is different, or the first row has a filter.
 
-    Its checksum over the samples is passed by: those of the chunks are over the same, packed, and were right.
+    Its own checksum is skipped: those of the chunks cover the same bytes and were right.
     """
     method, flags = packed[0], packed[1]
     if method & 0x0F != zlib.DEFLATED or flags & _DICTIONARY or (method << 8 | flags) % 31:
         return None
     unpacker = zlib.decompressobj(-zlib.MAX_WBITS)
     try:
-        # The filter of the first row: most files have one, and need not be unpacked twice.
+        # Most files have a filter in the first row, and need not be unpacked twice.
         first = unpacker.decompress(memoryview(packed)[_ZLIB_HEADER:], 1)
         if first != b"\0":
             return None
-        # One byte more than there should be is asked for, to see that there is none.
+        # One byte too many is requested, to make sure that the stream ends.
         raw = first + unpacker.decompress(unpacker.unconsumed_tail, size)
     except zlib.error:
         return None
@@ -288,7 +288,7 @@ LOSSY = (
     "is compressed with loss and went through a tone curve, so that its counts are not the light: save raw frames as "
     "PNG, TIFF or FITS (rigctl look shows this one, uncalibrated)"
 )
-# What a file may have beside its samples.
+# Largest part of a file that is not samples.
 _MOST_HEADER_BYTES = 10_000_000
 _LARGER = "; --max-frame-mb N says how large a picture may be"
 _LARGEST = 65535
@@ -305,7 +305,7 @@ class ImageFile:
     first_row: FirstRow  #: Which row comes first, as the file says or as its format has it.
     first_row_stated: bool  #: The file itself says so.
     header: Mapping[str, HeaderValue]  #: Value by keyword; empty where the format has none.
-    remarks: tuple[str, ...] = ()  #: What else one has to know of the file.
+    remarks: tuple[str, ...] = ()  #: Further facts about the file.
     #: Samples that are NaN or infinite; their counts are the least of the others.
     unset: NDArray[np.bool_] | None = None
     is_lossy: bool = False  #: It was compressed with loss, and its samples went through a tone curve.
@@ -321,7 +321,7 @@ class ImageFile:
             return np.asarray(self.counts, dtype=np.uint16)
         broken = int(np.count_nonzero(self.counts != np.floor(self.counts)))
         if broken:
-            raise DataError(f"{broken} samples are not whole numbers: this is no raw image, but one that was worked on")
+            raise DataError(f"{broken} samples are not whole numbers: this is a processed image, not a raw one")
         low, high = self.counts.min(), self.counts.max()
         raise DataError(f"samples run from {low:g} to {high:g}; raw counts lie between 0 and {_LARGEST}")
 
@@ -426,7 +426,7 @@ def _uncompressed(data: bytes, most_bytes: int) -> bytes:
 def _read_png(data: bytes, plane: Plane | None, most_bytes: int) -> ImageFile:
     sample_bytes, bits = png_bytes(data)
     if bits < 8:
-        raise DataError(f"has {bits} bits per sample, which is no camera's raw image")
+        raise DataError(f"has {bits} bits per sample, fewer than any camera's raw image")
     require_size(sample_bytes, most_bytes)
     plain = unfiltered_png(data)
     return _plain_image(_decoded(data)[0] if plain is None else plain, plane)
@@ -445,8 +445,8 @@ def _read_tiff(data: bytes, plane: Plane | None, most_bytes: int) -> list[ImageF
         with tifffile.TiffFile(io.BytesIO(data)) as file:
             planes = np.concatenate([page.asarray() for page in file.pages])
             are_colours = len(file.pages) == 1 and file.pages.first.photometric == tifffile.PHOTOMETRIC.RGB
-    except Exception as error:  # whatever tifffile trips over in a file that is spoilt or compressed in another way
-        raise DataError(f"is no TIFF file that can be read: {error}") from error
+    except Exception as error:  # tifffile raises many kinds on damaged files and unknown compression
+        raise DataError(f"cannot be read as TIFF: {error}") from error
     return _stack(planes, plane, are_colours=are_colours)
 
 
@@ -517,7 +517,7 @@ def _image(
 
 
 def _counts(pixels: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
-    """Return samples as unsigned 16 bits where these hold them, else in double precision, and which are no numbers."""
+    """Return samples as unsigned 16 bits if they fit, else in double precision, and a mask of NaN and infinity."""
     if pixels.size == 0:
         raise DataError("has no pixels")
     if pixels.dtype.kind not in "uif":
@@ -571,8 +571,8 @@ def _first_fits_image(data: bytes, most_bytes: int) -> tuple[dict[str, HeaderVal
                 pixels = images[0].data if images else None
         except DataError:
             raise
-        except Exception as error:  # whatever astropy's own code trips over in a header that is spoilt
-            raise DataError(f"is no FITS file that can be read: {error}") from error
+        except Exception as error:  # astropy raises many kinds on damaged headers
+            raise DataError(f"cannot be read as FITS: {error}") from error
     is_stale = _refuse_damage([str(warning.message) for warning in caught], has_datasum="DATASUM" in header)
     if pixels is None:
         raise DataError("is a FITS file without an image")
@@ -585,8 +585,8 @@ def _fits_bytes(unit: Any) -> int:
 
 
 def _refuse_damage(messages: list[str], *, has_datasum: bool) -> bool:
-    """Return whether the checksum of the header fails while that of the data holds; refuse what is damaged."""
-    # Headers are often untidy, and astropy says so; what matters here is whether the samples are what was written.
+    """Return True if only the header's checksum fails; raise DataError if the data are damaged."""
+    # astropy also warns of untidy headers; only damage to the samples matters here.
     failed = [text for text in messages if "verification failed" in text]
     of_data = [text for text in failed if text.startswith("Datasum")]
     is_stale = bool(failed) and has_datasum and not of_data
@@ -630,12 +630,12 @@ def _read_arrays(path: Path, most_bytes: int) -> Iterator[ImageFile]:
             # The convention of NetCDF for packed numbers, Climate and Forecast conventions, section 8.1.
             if "scale_factor" in own or "add_offset" in own:
                 pixels = pixels * float(own.get("scale_factor", 1.0)) + float(own.get("add_offset", 0.0))
-            beside = {
+            of_pictures = {
                 name.rpartition("/")[2]: other[number]
                 for name, other in arrays.items()
                 if is_stack and other.shape == one.shape[:1]
             }
-            picture = _image(pixels, header=_plain_values({**facts, **own, **beside}))
+            picture = _image(pixels, header=_plain_values({**facts, **own, **of_pictures}))
             yield replace(picture, path=Path(f"{file}:{inside}[{number}]" if is_stack else f"{file}:{inside}"))
 
 

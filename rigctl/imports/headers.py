@@ -1,7 +1,7 @@
-"""What headers and names of image files say, in the words that other programs use.
+"""Facts in headers and names of image files, under the keywords that other programs use.
 
-Observatories and camera programs write the same facts under different keywords. Each function knows the usual ones, the
-most certain first. Names of files count where headers say nothing.
+Observatories and camera programs write the same facts under different keywords. Each function tries the usual ones, the
+most reliable first. Names of files count if headers lack the fact.
 """
 
 import re
@@ -18,13 +18,13 @@ from rigctl.images import HeaderValue, name_of
 
 Header = Mapping[str, HeaderValue]
 
-# A readback goes before what was asked for.
+# Measured angles come before requested ones.
 ANGLE_KEYS = ("POLMEAS", "POLANG", "POLANGLE", "POLAR", "POLARREF", "ANGLE")
 RETARDER_KEY = "RETANG"
 EXPOSURE_KEYS = ("EXPTIME", "EXPOSURE", "XPOSURE")
 BLACK_LEVEL_KEYS = ("BLKLEVEL", "BLACK", "OFFSET", "PEDESTAL")
 _KIND_KEYS = ("IMAGETYP", "FRAME", "OBSTYPE")
-# What programs call a frame. A bias or zero frame is a dark frame of no exposure.
+# Words for kinds of frames. A bias or zero frame is a dark frame of no exposure.
 _KIND_WORDS: dict[FrameKind, tuple[str, ...]] = {
     "dark": ("bias", "zero", "dark"),
     "flat": ("flat",),
@@ -44,7 +44,7 @@ _LEAST_ANGLES = 3
 
 
 def kind_of(header: Header, name: str) -> FrameKind | None:
-    """Return what the camera saw, by a header, or by the beginning of a file's name; None where neither says."""
+    """Return the kind of a frame by its header or the beginning of its file's name; None if both lack it."""
     for key in _KIND_KEYS:
         words = re.split(r"[^a-z]+", str(header.get(key, "")).lower())
         for kind, known in _KIND_WORDS.items():
@@ -96,7 +96,7 @@ def origin_of(header: Header) -> dict[str, Any]:
 
 
 def reads_of(header: Header) -> tuple[int, bool, str]:
-    """Return of how many reads a frame was made, whether it is their sum, and the keyword; one read where none says."""
+    """Return the number of reads of a frame, True if it is their sum, and the keyword; 1 without a keyword."""
     for key in (*_SUM_KEYS, *_MEAN_KEYS):
         value = header.get(key)
         if isinstance(value, int | float) and value > 1 and float(value).is_integer():
@@ -112,7 +112,7 @@ _OVERSCAN_KEY, _LIT_KEYS = "BIASSEC", ("TRIMSEC", "DATASEC")
 def sections_of(
     header: Header, shape: tuple[int, int]
 ) -> tuple[tuple[slice, slice] | None, tuple[slice, slice] | None, str]:
-    """Return rows and columns that see light, those of the overscan, and the keyword of the first; None where not said.
+    """Return rows and columns that see light, those of the overscan, and the keyword of the first; None if not stated.
 
     NOAO keywords, https://noirlab.edu/science/documents/scidoc0434.
     """
@@ -165,7 +165,7 @@ def stated_angles(
             return _angles_of_table(Path(words[0]), option, [path for _, path, _ in pictures])
         return tuple(_angle_of_header(header, option, words[0], path) for _, path, header in pictures)
     if words:
-        raise ConfigError(f"{option}: {words[0]!r} is no number of degrees")
+        raise ConfigError(f"{option}: {words[0]!r} is not a number of degrees")
     angles = [float(one) for one in stated]
     if not all(map(isfinite, angles)):
         raise ConfigError(f"{option}: every angle must be a finite number of degrees")
@@ -190,7 +190,9 @@ def _angle_of_header(header: Header, option: str, key: str, path: Path) -> float
         raise ConfigError(f"{path}: {error}") from error
     match = _ANGLE.fullmatch(text)
     if match is None:
-        raise ConfigError(f"{path}: {option} {key}: {text!r} is no angle in degrees; say --angles or --stage-angles")
+        raise ConfigError(
+            f"{path}: {option} {key}: {text!r} is not an angle in degrees; say --angles or --stage-angles"
+        )
     return float(match[1])
 
 
@@ -220,7 +222,7 @@ def _angles_of_table(table: Path, option: str, paths: Sequence[Path]) -> tuple[f
 
 
 def angles_of(pictures: Sequence[tuple[Path, Header]]) -> tuple[tuple[float, ...], str]:
-    """Return the angle of each picture by its header or its name [deg], and by which; ConfigError if neither says."""
+    """Return the angle of each picture by its header or name [deg], and the source; ConfigError if both lack it."""
     names, headers = [name_of(path) for path, _ in pictures], [header for _, header in pictures]
     for key in ANGLE_KEYS:
         values = [_angle_text(header, key) for header in headers]
@@ -256,7 +258,7 @@ def _angle_text(header: Header, key: str) -> str:
 
 
 def _is_of_angles(column: Sequence[tuple[str, str, str]]) -> bool:
-    """Return whether numbers at one place of the names are angles, and no counter: they are, or they say so."""
+    """Return True if numbers at one place of the names are angles, by their values or units, and not a counter."""
     values = [float(sign + size) for sign, size, _ in column]
     distinct = sorted({value % 180.0 for value in values})
     if len(distinct) < _LEAST_ANGLES or max(map(abs, values)) > 360.0:

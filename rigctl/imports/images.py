@@ -1,8 +1,8 @@
-"""Images that other programs wrote, on their way to the frames of a run.
+"""Frames of a run from images that other programs wrote.
 
-`import_images` reads every picture once for what it tells: size, header, histogram, and a constant border that
+`import_images` reads every picture once for its size, header and histogram, and for a constant border that
 resampling or a mask left. Together with what the user states (`ImportOptions`) they decide what a count means
-(`find_scale`): how many bits, at which end of a sample, from where on saturated, which pixels are missing. Nothing is
+(`find_scale`): number of bits, their end of the sample, saturation, missing pixels. Nothing is
 written before every problem is known. Then each picture becomes frames: upright, cut into the channels of a mosaic,
 with its bits in place.
 
@@ -76,12 +76,12 @@ def import_images(
     else:
         with RunWriter.append(run) as writer:
             frames = _write(writer, files, options, images, scale, present.frames)
-    said = (*remarks, *scale.remarks, *_file_remarks(images, scale), *axis_remarks(options, frames))
-    return frames, said, _clipped_shares(images, scale, frames)
+    all_remarks = (*remarks, *scale.remarks, *_file_remarks(images, scale), *axis_remarks(options, frames))
+    return frames, all_remarks, _clipped_shares(images, scale, frames)
 
 
 def axis_remarks(options: ImportOptions, frames: Sequence[FrameRecord]) -> tuple[str, ...]:
-    """Return that scene frames have fewer than three different axes; nothing where they have enough."""
+    """Return a remark if scene frames have fewer than three different axes."""
     scenes = [frame for frame in frames if frame.kind == "scene"]
     axes = {axis_deg(frame.polarizer_angle_deg) for frame in scenes if frame.polarizer_angle_deg is not None}
     if not scenes or len(axes) >= 3:
@@ -103,7 +103,7 @@ def _present_run(path: Path) -> Run | None:
 def _surveyed(
     files: Sequence[Path], options: ImportOptions, present: Run | None
 ) -> tuple[list["SurveyedImage"], "Scale", list[str]]:
-    """Return every picture as far as it tells, what counts mean, and what headers and names say."""
+    """Return every picture with the facts about it, the scale of the counts, and remarks on headers and names."""
     images: list[SurveyedImage] = []
     unsaid: list[str] = []
     unfit: list[str] = []
@@ -160,7 +160,7 @@ def _read(path: Path, options: ImportOptions) -> Iterator[ImageFile]:
 
 
 def _scale_beside(present: Run | None, options: ImportOptions, images: Sequence["SurveyedImage"]) -> "Scale":
-    """Return what counts mean; the frames of one run come from one camera, with as many bits."""
+    """Return the scale of the counts; all frames of a run have the same number of bits."""
     if options.get("bit_depth") is not None or present is None or not present.frames:
         return find_scale(options, images)
     depth = present.frames[0].bit_depth
@@ -197,7 +197,7 @@ def _clipped_shares(
 
 
 def _file_remarks(images: Sequence["SurveyedImage"], scale: "Scale") -> Iterator[str]:
-    """Yield what was recognised in single files, and in how many."""
+    """Yield remarks on single files, and their number."""
     stacks = {file: number for file, number in Counter(image.number for image in images).items() if number > 1}
     if stacks:
         first = next(name_of(image.file.path).rpartition("[")[0] for image in images if image.number in stacks)
@@ -298,7 +298,7 @@ def _black_level_problems(
         key = headers.key_of_all(headers.BLACK_LEVEL_KEYS, [image.file.header for image in images])
         yield (
             "black level: say --black-level-dn X, --black-level-key KEY, or --black-level-from-darks where dark "
-            "frames of this run will tell it" + (f"; the headers have {key}" if key else "")
+            "frames of this run give it" + (f"; the headers have {key}" if key else "")
         )
 
 
@@ -327,7 +327,7 @@ def _range_problems(options: ImportOptions) -> Iterator[str]:
 
 # A border takes so much of an edge, and at most so large a share of the image.
 _LEAST_OF_EDGE, _LARGEST_SHARE = 0.5, 0.3
-# A value that is as common within the image is no border's.
+# A value that is more common inside the image is not that of a border.
 _LARGEST_SHARE_INSIDE = 0.01
 
 
@@ -369,16 +369,16 @@ def border_pixels(counts: NDArray[np.uint16], value_dn: int) -> NDArray[np.bool_
 # Of samples of 32 bits, with or without sign.
 _MOST_BITS, _LOWEST_DN, _LARGEST_DN, _MOST_READS = 32, -(2.0**31), 2.0**32 - 1.0, 1_000_000
 _TELLING_LEVELS = 8
-# So many lowest bits that are zero are no accident.
+# Fewer lowest bits that are zero may be an accident.
 _LEAST_UNUSED_BITS = 2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """The way from the counts of the files to the counts of the run."""
+    """Conversion of counts of the files to counts of the run."""
 
     bit_depth: int  #: Bits of the camera.
-    shift_bits: int  #: How far counts are shifted right on their way.
+    shift_bits: int  #: Shift of the counts to the right.
     saturation_dn: float  #: A pixel at or above this is saturated [DN of the run].
     missing_dn: float | None  #: The value that marks pixels that were not received [DN of the run].
     #: Borders of counts below this are given that value, as other pixels have theirs too [DN of the files]; None: they
@@ -388,7 +388,7 @@ class Scale:
 
 
 def find_scale(options: ImportOptions, images: Sequence["SurveyedImage"]) -> Scale:
-    """Return what the counts mean, by what the user says and the counts themselves show."""
+    """Return the scale of the counts by the options and by the counts themselves."""
     levels = np.sum([image.levels for image in images], axis=0)
     unset = sum(image.unset for image in images)
     wide = [image for image in images if image.is_wide]
@@ -402,7 +402,7 @@ def find_scale(options: ImportOptions, images: Sequence["SurveyedImage"]) -> Sca
     shift, shift_remarks = _shift(options, levels, depth, sample_bits, levels_by_file)
     full_scale_dn = (2**depth - 1) << shift
     saturation_dn, saturation_remarks = _saturation(options, levels, full_scale_dn)
-    # A sky that is clipped up to the edge is no border.
+    # A sky that is clipped up to the edge is not a border.
     darkest_dn = min(saturation_dn, largest(levels))
     dark = [border for border in borders if border.value_dn < darkest_dn]
     missing_dn, missing_remarks = _missing(options, levels, black_level_dn, dark)
@@ -428,7 +428,7 @@ def _unset_remarks(unset: int) -> tuple[str, ...]:
 def _scale_of_wide(
     options: ImportOptions, levels: NDArray[np.int64], images: Sequence["SurveyedImage"], unset: int
 ) -> Scale:
-    """Return the scale of sums, means and counts below 0: of those the bits show nothing, and have to be stated."""
+    """Return the scale of sums, means and counts below 0, whose bits must be stated."""
     low, high = min(image.range_dn[0] for image in images), max(image.range_dn[1] for image in images)
     reads, bit_depth = max(image.reads for image in images), options.get("bit_depth")
     asked = "--bit-depth N, the bits of the camera" + (
@@ -485,14 +485,14 @@ def _bit_depth(
         )
     if largest(levels) < 2**15:
         raise ConfigError(
-            f"bit depth: samples of 16 bits with counts up to {largest(levels)} do not tell how many the camera "
+            f"bit depth: samples of 16 bits with counts up to {largest(levels)} do not show how many the camera "
             "has; say --bit-depth N" + "".join(f" ({remark})" for remark in _some_left(levels_by_file))
         )
     return 16, (f"16 bits, since counts reach {largest(levels)}", *_some_left(levels_by_file))
 
 
 def _some_left(levels_by_file: Sequence[NDArray[np.int64]]) -> tuple[str, ...]:
-    """Return that some files show unused bits and others do not, as resampled ones would."""
+    """Return a remark if some files show unused bits and others do not, as resampled files would."""
     bits = [common_zero_bits(own) for own in levels_by_file if np.count_nonzero(own) >= _TELLING_LEVELS]
     plain = [zero for zero in bits if zero >= _LEAST_UNUSED_BITS]
     if not plain or len(plain) == len(bits):
@@ -517,9 +517,9 @@ def _shift(
         return resampled
     spare, zero_bits, top = sample_bits - depth, common_zero_bits(levels), largest(levels)
     could_be_right = top < 2**depth
-    # A handful of round numbers, as in a drawn test image, is no sign of unused bits.
-    tells = not could_be_right or int(np.count_nonzero(levels)) >= _TELLING_LEVELS
-    could_be_left = spare > 0 and zero_bits >= spare and tells
+    # A few round numbers, as in a drawn test image, are not a sign of unused bits.
+    is_telling = not could_be_right or int(np.count_nonzero(levels)) >= _TELLING_LEVELS
+    could_be_left = spare > 0 and zero_bits >= spare and is_telling
     stated = options.get("justified")
     if not {"left": could_be_left, "right": could_be_right, None: could_be_left or could_be_right}[stated]:
         where = "at either end" if stated is None else f"at the {stated} end"
@@ -552,7 +552,7 @@ def _resampled(
     stated = options.get("justified") == "left"
     if largest(levels) < 2**depth or (plain == 0 and not stated):
         return None
-    shown = f"{plain} of {len(levels_by_file)} files show it" if plain else "no file shows it, it was said"
+    shown = f"{plain} of {len(levels_by_file)} files show it" if plain else "no file shows it, it was stated"
     remark = (
         f"left-justified: {depth} bits in {sample_bits}; {shown}, counts of the others were resampled: all were "
         f"divided by {2**spare} and rounded, which loses up to half a count"
@@ -630,24 +630,24 @@ class SurveyedImage:
     file: ImageFile  #: Without its samples.
     number: int = 0  #: Of its file; pictures of a stack have the same.
     shape: tuple[int, int]  #: Its size.
-    kind: FrameKind  #: What the camera saw.
+    kind: FrameKind  #: Object before the camera.
     first_row: FirstRow = "top"  #: Which row comes first in the file, as it or the user says.
-    levels: NDArray[np.int64] = field(repr=False)  #: How many of its pixels have each count.
+    levels: NDArray[np.int64] = field(repr=False)  #: Number of its pixels at each count.
     angle_deg: float | None = None  #: Of the polarizer's axis.
-    stage_angle_deg: float | None = None  #: What the polarizer's stage read.
+    stage_angle_deg: float | None = None  #: Readback of the polarizer's stage.
     exposure_s: float | None = None
     black_level_dn: float | None = None
     start_utc: str | None = None  #: Start of the exposure, where the header has it in standard form.
     border: Border | None = None  #: Constant pixels along its edges.
     is_jpeg: bool = False  #: Its blocks of 8 x 8 pixels show that it went through JPEG.
     reads: int = 1  #: Reads of the camera that it was made of.
-    unit: int = 1  #: What its counts are divided by to be those of one read: 1 unless it is a sum.
+    unit: int = 1  #: Divisor of its counts for those of one read: 1 unless it is a sum.
     range_dn: tuple[float, float] = (0.0, 0.0)  #: Least and largest count of one read.
-    is_wide: bool = False  #: These are no whole numbers of 16 bits.
+    is_wide: bool = False  #: Its counts are not whole numbers of 16 bits.
     at_zero: int = 0  #: Pixels of the count 0.
     unset: int = 0  #: Pixels that are NaN or infinite.
     lit: tuple[slice, slice] | None = None  #: Rows and columns that see light, where the header says so.
-    by_sections: tuple[str, ...] = ()  #: What was done by keywords of sections.
+    by_sections: tuple[str, ...] = ()  #: Consequences of keywords of sections.
 
 
 def _at_angles(
@@ -761,7 +761,7 @@ def _number(header: headers.Header, option: str, key: str | None, given: float |
         return given
     value = headers.value_of(header, option, key)
     if isinstance(value, bool) or not isinstance(value, int | float) or value < 0:
-        raise ConfigError(f"{option} {key}: {value!r} is no number of 0 or more")
+        raise ConfigError(f"{option} {key}: {value!r} is not a number of 0 or more")
     return float(value)
 
 

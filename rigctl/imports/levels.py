@@ -15,7 +15,7 @@ _PIXELS = 20
 _TIMES_ITS_NEIGHBOURS = 20
 _NEAR_THE_TOP = 0.9
 _LEVELS_OF_A_NOISY_IMAGE = 16
-# Patterns are looked for in so many counts and more, where so many pixels fall on each; so many gaps are no chance.
+# Patterns are looked for in so many counts and more, where so many pixels fall on each; so many gaps are not chance.
 _TRIMMED, _SPIKE = 0.02, 3.0
 _TELLING_COUNTS, _PIXELS_A_COUNT, _LEAST_GAPS = 12, 30.0, 3
 
@@ -52,7 +52,7 @@ def saturation_plateau(levels: NDArray[np.int64], *, full_scale_dn: int) -> Plat
     """Return the plateau of saturated pixels below full scale, or None.
 
     More than 0.1 % of the pixels, and 20 or more, share the largest count; that is 20 times as many as any other
-    count in the tenth below it has; and the image has noise (16 levels or more), so that nobody drew it. It is
+    count in the tenth below it has; and the image has noise (16 levels or more), so that it is not a drawing. It is
     certain where the largest count also lies above 90 % of full scale.
     """
     top = largest(levels)
@@ -95,10 +95,10 @@ def _lonely_ends(occupied: NDArray[np.intp], step: int) -> list[int]:
 
 
 def odd_pattern(levels: NDArray[np.int64]) -> str:
-    """Return what a histogram of counts says of bits that are not a camera's own, in words; empty where nothing.
+    """Return a sentence on bits that are not those of a camera, by the histogram; empty if there are none.
 
     Looked at are counts between the 2nd and the 98th percentile, in steps of the common zero bits, where so many pixels
-    fall on each that one without any is no chance.
+    fall on each that a count without pixels is not chance.
     """
     step = 1 << common_zero_bits(levels)
     # A border or a clipped sky is a spike, and no end of the range.

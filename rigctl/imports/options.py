@@ -1,4 +1,4 @@
-"""What is stated of pictures of other programs: the options of `rigctl import`, some of which `rigctl look` has too."""
+"""Options of `rigctl import`; those of `PictureOptions` are also options of `rigctl look`."""
 
 from collections.abc import Sequence
 from typing import Annotated, Literal, TypedDict
@@ -8,7 +8,7 @@ from rigctl.files.choices import COMMA_SEPARATED, FrameKind, MaxFrameMb
 
 
 class PictureOptions(TypedDict, total=False):
-    """How pictures are read, and at which angles they were taken.
+    """Reading of pictures, and their polarizer angles.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class PictureOptions(TypedDict, total=False):
 
 
 class ImportOptions(PictureOptions, total=False):
-    """What is known of pictures that become frames of a run.
+    """Facts about pictures that become frames of a run.
 
     Parameters
     ----------

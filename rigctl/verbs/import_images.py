@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class MeasuredImportOptions(ImportOptions, FrameOptions, total=False):
-    """What is known of imported pictures, and what they are measured with."""
+    """Facts about imported pictures, and calibrations for their measurement."""
 
 
 extend_help(MeasuredImportOptions, PictureOptions, ImportOptions, FrameOptions)

@@ -144,7 +144,7 @@ def test_frames_of_another_size_are_not_added(run_path, pngs, tmp_path, capsys):
     ("words", "text"),
     [
         (["--angles", "0,45"], "2 angles for 4 files"),
-        (["--angles", "0,x,90,135"], "--angles: 'x' is no number of degrees"),
+        (["--angles", "0,x,90,135"], "--angles: 'x' is not a number of degrees"),
         (["--angles", "0,nan,90,135"], "finite"),
         (["--angles", "0,45,90,135", "--mosaic", "0,45,90,135"], "give one of them"),
         (["--mosaic", "0,45,90"], "3 angles"),
@@ -238,7 +238,7 @@ def test_what_does_not_fit_is_refused(run_path, pngs, tmp_path, capsys):
     taken = write_run(tmp_path / "taken")
     for target, file, words, code, said in (
         (run_path, tmp_path / "odd.png", MOSAIC, 4, "cannot be cut into cells"),
-        (run_path, clear, ["--angle-key", "POLAR", *SAID], 2, "'Clear' is no angle"),
+        (run_path, clear, ["--angle-key", "POLAR", *SAID], 2, "'Clear' is not an angle"),
         (taken, pngs[0], ["--kind", "dark", *SAID], 4, "not imported"),
     ):
         assert import_into(target, file, *words) == code
