@@ -27,7 +27,7 @@ from model.processing.samples import Sample, check_dolp_distribution, deviation
 from model.quantities import SHARES, angle_of, counts_name, is_counts
 from model.scene.field import FieldLight
 from model.sensor import ChannelMoments
-from rigctl.base.numbers import wrapped
+from rigctl.base.numbers import to_digits, wrapped
 from rigctl.comparison.checks import (
     AGREES,
     Cause,
@@ -152,7 +152,7 @@ class NumericalAccuracy:
         kind = "estimated, for spheres not promised, " if self.predicted.estimated_only else ""
         text = (
             f"Numerical error: {kind}at most {self.share:.2g} of a standard error{where}, with a tolerance of "
-            f"{self.tolerance:.1e} chosen for this comparison"
+            f"{self.tolerance:.2g} chosen for this comparison"
         )
         if self.is_kept:
             return text
@@ -446,9 +446,9 @@ def _paired(predictions: Mapping[str, RegionPrediction], measurement: Measuremen
 
 def _weakly_tested(rows: Sequence[Row]) -> str:
     listed = "; ".join(
-        f"{row.quantity} {row.statistic} only if off by more than {row.smallest_difference_90:.2g}, of "
-        f"{abs(row.predicted):.2g}"
+        f"{row.quantity} {row.statistic} only if off by more than {to_digits(least, least)}, of {to_digits(size, size)}"
         for row in rows[:_MOST_LISTED]
+        for least, size in ((row.smallest_difference_90 or 0.0, abs(row.predicted)),)
     )
     more = "" if len(rows) <= _MOST_LISTED else f"; and {len(rows) - _MOST_LISTED} more"
     return f"a difference would have been detected (with a probability of 90 %) in {listed}{more}"

@@ -61,7 +61,7 @@ def _parts(region: str, light: FieldLight) -> tuple[_Part, ...]:
 
 
 def _stokes_cell(part: _Part, k: int) -> str:
-    return stokes_cells(part[2])[k]
+    return stokes_cells(part[2], of=part[3])[k]
 
 
 _PART_COLUMNS: tuple[Column[_Part], ...] = (
@@ -131,11 +131,10 @@ def _light(light: FieldLight) -> dict[str, Json]:
     }
 
 
-def stokes_cells(stokes: FloatArray) -> tuple[str, ...]:
-    """Return S0, S1, S2, DoLP and AoLP in degrees as text."""
-    # Light that is unpolarized by symmetry has a polarization of some 1e-17 from rounding.
-    numbers = tuple(f"{0.0 if abs(value) < 1e-12 * stokes[0] else value:.4g}" for value in stokes)
-    if not stokes[0] > 0.0:
+def stokes_cells(stokes: FloatArray, *, of: float) -> tuple[str, ...]:
+    """Return S0, S1, S2, DoLP and AoLP in degrees as text; rounding of the S0 that the light is part of is 0."""
+    numbers = tuple(f"{0.0 if abs(value) < 1e-12 * of else value:.4g}" for value in stokes)
+    if not stokes[0] > 1e-12 * of:
         return (*numbers, "-", "-")
     degree = float(dolp(stokes))
     # 180 after rounding is 0.

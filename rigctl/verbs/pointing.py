@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 from cyclopts import Parameter, validators
 
-from rigctl.base.numbers import time_option
+from rigctl.base.numbers import plus_minus, time_option
 from rigctl.console import Json, note, warn
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, Part, Result, RunPath, Writes
@@ -143,14 +143,12 @@ class PointingResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the angles with their errors, and correlations."""
+        for name, numbers in {"geometry": self.geometry, **self.regions}.items():
+            for key, (value, std) in numbers.items():
+                yield f"{name}.{key:<20} {plus_minus(value, std)}"
         yield f"from {', '.join(self.sources)}"
         if self.sun_deg is not None:
             yield f"sun: azimuth {self.sun_deg[0]:.3f}, elevation {self.sun_deg[1]:.3f} deg"
-        for key, (value, std) in self.geometry.items():
-            yield f"geometry.{key:<20} {value:9.3f} +- {std:.3f}"
-        for name, numbers in self.regions.items():
-            for key, (value, std) in numbers.items():
-                yield f"{name}.{key:<20} {value:9.3f} +- {std:.3f}"
         yield from _going_together(self.pointing)
 
     @property
