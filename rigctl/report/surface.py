@@ -111,10 +111,9 @@ def _principal_plane(sheet: SurfaceSheet) -> Table[ReflectedLight]:
 def most_polarized(sheets: Sequence[SurfaceSheet]) -> str:
     """Return a sentence: which material polarizes most, and at which camera zenith angle."""
     sheet, light = max(((sheet, _peak(sheet)) for sheet in sheets), key=lambda one: one[1].dolp or 0.0)
-    return (
-        f"{sheet.material} polarizes most: DoLP {_or_dash(light.dolp, '.3f')} at a camera zenith of "
-        f"{light.camera_zenith_deg:+.0f} deg"
-    )
+    polarizes = "polarizes most: DoLP" if len(sheets) > 1 else "polarizes up to DoLP"
+    at = f"a camera zenith of {light.camera_zenith_deg:+.0f} deg"
+    return f"{sheet.material} {polarizes} {_or_dash(light.dolp, '.3f')} at {at}"
 
 
 def overview_table(sheets: Sequence[SurfaceSheet]) -> Table[SurfaceSheet]:

@@ -200,9 +200,10 @@ class SurfaceResult(Result):
         return f"<{sheet.material} at {sheet.wavelength_nm:g} nm, sun at {sheet.sun_zenith_deg:g} deg>"
 
     def content(self) -> Iterable[Part]:
-        """Return the material's values, light in the plane of the sun, reflectance, and unphysical findings."""
-        from rigctl.report.surface import surface_tables
+        """Return the most DoLP, the material's values, light in the plane of the sun, reflectance, and findings."""
+        from rigctl.report.surface import most_polarized, surface_tables
 
+        yield most_polarized([self.sheet])
         for table in surface_tables(self.sheet):
             yield table
             yield ""
@@ -270,9 +271,10 @@ class MaterialList(Result):
     materials: "dict[str, Material]"
 
     def content(self) -> Iterable[Part]:
-        """Return a table of all values with their sources."""
+        """Return the number of materials, and a table of all values with their sources."""
         from rigctl.report.surface import materials_table
 
+        yield f"{len(self.materials)} materials; each name is one for rigctl surface and for scene files"
         yield materials_table(self.materials)
 
     def as_json(self) -> dict[str, Json]:

@@ -15,8 +15,12 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
+
+from rich.console import Console
 
 from rigctl.cli import main
+from rigctl.verbs.options import Result
 from tests.golden.digest import digest_file, digest_table, digest_value, flat
 
 STORED = Path(__file__).parent / "stored"
@@ -37,6 +41,8 @@ _NO_ORDER = re.compile(r"/diagnosis/terms/.*(/samples/|confused_with)")
 _ERROR_KEYS = ("std_error", "std", "sigma", "rms", "error")
 _PROSE_WORDS = 4
 _OWN_FAULT = 70
+#: A number of this size is rounding on a screen; an error of the computation may be.
+_TINY = re.compile(r"\de-(1[3-9]|[2-9]\d)\b")
 
 
 @dataclass(frozen=True)
@@ -68,9 +74,10 @@ def run_chapter(chapter: Chapter, folder: Path) -> dict[str, Any]:
 
 
 def _run(line: str, folder: Path) -> dict[str, Any]:
-    before = _files(folder)
-    code, text = run_command(line)
-    found: dict[str, Any] = {"code": code}
+    before, shown = _files(folder), list[str]()
+    with patch.object(Result, "show_json", _noting_screens(Result.show_json, shown)):
+        code, text = run_command(line)
+    found: dict[str, Any] = {"code": code} | ({"screen": shown} if shown else {})
     if "--json" in line.split():
         try:
             found["json"] = digest_value(json.loads(text), folder)
@@ -81,6 +88,26 @@ def _run(line: str, folder: Path) -> dict[str, Any]:
     found |= _digests(folder, written)
     gone = sorted(before.keys() - after.keys())
     return _without_copies(found | ({"gone": gone} if gone else {}))
+
+
+def _noting_screens(show_json: Callable[[Result], None], problems: list[str]) -> Callable[[Result], None]:
+    """Return `show_json`, which also notes where the same result on a terminal of 80 columns is not as it should be."""
+
+    def noting(result: Result) -> None:
+        show_json(result)
+        if type(result).show is not Result.show:
+            return
+        parts = [part for part in result.content() if not callable(part)]
+        console = Console(width=80, file=io.StringIO(), record=True)
+        for part in parts:
+            console.print(part, markup=False)
+        if parts and not isinstance(parts[0], str):
+            problems.append("begins with a table, not with the answer")
+        problems.extend(
+            f"rounding, to be shown as 0: {line}" for line in console.export_text().split("\n") if _TINY.search(line)
+        )
+
+    return noting
 
 
 def run_command(line: str) -> tuple[int, str]:

@@ -43,6 +43,7 @@ def screen_of(*words):
         ("predict examples/scene-airborne.toml --tolerance 0.01", "DoLP of single pixels: black_paint"),
         ("effects examples/scene-airborne.toml", "17 effects act"),
         ("surface black-paint asphalt", "black paint polarizes most"),
+        ("surface black-paint", "black paint polarizes up to DoLP 0.9"),
         ("plan examples/rig-sim.toml examples/session.toml", "frames from"),
         ("--help", "Usage: rigctl COMMAND"),
         ("calibrate noise --help", "Usage: rigctl calibrate noise"),
