@@ -130,6 +130,12 @@ class Predicted:
         """All numbers that a tolerance speaks of."""
         return self.result.readings
 
+    def error_of(self, place: str, quantity: str, statistic: str) -> float | None:
+        """Return the numerical error of a number in its own unit; None where none is known."""
+        key = Reading(place, quantity, statistic)
+        error = self.errors.get(key, np.inf)
+        return error * self.numbers[key].scale if np.isfinite(error) else None
+
     @cached_property
     def companions(self) -> dict[str, float]:
         """Numbers that grow with the errors of the sky's grid and of the tiles."""

@@ -196,9 +196,19 @@ def summary_table(comparison: Comparison) -> Table[Row]:
     columns: tuple[Column[Row], ...] = (
         Column(title="region", text=lambda row: row.region if first[row.region] == row.quantity else "", left=True),
         Column(title="quantity", text=lambda row: _SUMMARY[row.quantity].format(unit=unit), left=True),
-        *(_BY_KEY[key] for key in ("measured", "predicted", "z")),
+        _BY_KEY["measured"],
+        Column(title="predicted", text=lambda row: _BY_KEY["predicted"].text_of(row) + _numerical(comparison, row)),
+        _BY_KEY["z"],
     )
     return Table(columns=columns, rows=tuple(rows), is_off=_disagrees)
+
+
+def _numerical(comparison: Comparison, row: Row) -> str:
+    """Return the numerical error of a prediction from exact inputs; nothing for others."""
+    if row.std_error_inputs or comparison.accuracy is None:
+        return ""
+    error = comparison.accuracy.predicted.error_of(row.region, row.quantity, row.statistic)
+    return f" ± {error:.0e}" if error else ""
 
 
 def trend_table(trends: Sequence[Trend]) -> Table[Trend]:
@@ -705,7 +715,8 @@ def _summary(comparison: Comparison) -> Section:
         "Means of the regions ± standard errors. A prediction without ± rests on inputs that are stated as exact. z: "
         "the difference over the errors of both sides, as a normal score; where polarization is weak, that of DoLP is "
         "of S1 and S2 together, and AoLP has none. Pixels: "
-        f"{', '.join(f'{name} {region.pixels}' for name, region in regions.items())}."
+        f"{', '.join(f'{name} {region.pixels}' for name, region in regions.items())}. The ± of a prediction from exact "
+        "inputs is its numerical error."
     )
     return Section(title="", blocks=(summary_table(comparison), note))
 

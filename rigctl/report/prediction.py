@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import cycle
-from math import inf, isfinite
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -142,15 +142,13 @@ def with_input_errors(
 
 def with_numerical_errors(found: Predicted) -> dict[str, dict[str, dict[str, float]]]:
     """Return regions with the estimated numerical error of each number that has one."""
-    from model.accuracy.chain import Reading
-
     return {
         region: {
             quantity: statistics
             | {
-                f"{name}_numerical_error": error * found.numbers[key].scale
+                f"{name}_numerical_error": error
                 for name in statistics
-                if isfinite(error := found.errors.get(key := Reading(region, quantity, name), inf))
+                if (error := found.error_of(region, quantity, name)) is not None
             }
             for quantity, statistics in prediction.quantities.items()
         }
