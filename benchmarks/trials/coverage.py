@@ -8,8 +8,8 @@ was drawn; `--verdicts` of the seeds are compared with the scene that they were 
 import json
 from collections import Counter, defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, fields, replace
+from functools import cache, partial
 from math import erfc
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measure.measure import MeasuredRegion, measure
 from rigctl.runs.folder import Run
+from rigctl.runs.records import FrameRecord
 from rigctl.verbs.compare import compare_run
 from tests.rigctl.made_runs import at, make_run
 
@@ -126,15 +127,31 @@ def frames_of(case: Case, seed: int) -> list[list[NDArray[np.uint16]]]:
     return frames
 
 
-def run_of(case: Case, seed: int, path: Path) -> Run:
-    """Return the frames of a seed as a run."""
+def run_of(case: Case, frames: list[list[NDArray[np.uint16]]], path: Path) -> Run:
+    """Return frames as a run."""
     known = {"bit_depth": case.bits, "saturation_dn": 2.0**case.bits - 1.0, "black_level_dn": case.black_dn}
-    frames = [
+    made = [
         (at(angle, cycle=cycle, exposure_s=0.01, **known), counts)
-        for cycle, of_cycle in enumerate(frames_of(case, seed))
+        for cycle, of_cycle in enumerate(frames)
         for angle, counts in zip(case.angles_deg, of_cycle, strict=True)
     ]
-    return make_run(path, frames)
+    return make_run(path, made)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Held(Run):
+    """A run whose frames are in memory: writing and reading them takes longer than a measurement."""
+
+    held: list[NDArray[np.uint16]]
+
+    def counts(self, record: FrameRecord) -> NDArray[np.uint16]:
+        return self.held[record.sequence]
+
+
+@cache
+def _written(case: Case) -> Run:
+    with scratch() as folder:
+        return run_of(case, frames_of(case, 0), folder / "run")
 
 
 REGION = Region(name="paint", rectangle=Rectangle(x=BORDER, y=BORDER, width=SIDE, height=SIDE))
@@ -143,12 +160,13 @@ NUMBERS = ("s0", "s1", "s2", "dolp", "aolp_deg")
 
 def covered(case: Case, seed: int) -> dict[str, tuple[float, bool, bool]] | str:
     """Return score, and whether the 68 and the 95 % interval hold the truth, of each number; or why there is none."""
-    with scratch() as folder:
-        run = run_of(case, seed, folder / "run")
-        try:
-            region = measure(run, regions=[REGION]).regions["paint"]
-        except (ConfigError, DataError) as error:
-            return str(error)
+    frames = [counts for of_cycle in frames_of(case, seed) for counts in of_cycle]
+    written = _written(case)
+    run = _Held(held=frames, **{one.name: getattr(written, one.name) for one in fields(written)})
+    try:
+        region = measure(run, regions=[REGION]).regions["paint"]
+    except (ConfigError, DataError) as error:
+        return str(error)
     return _held(case, region)
 
 
@@ -235,7 +253,7 @@ class Verdict:
 def judged(case: Case, seed: int, *, drawn: Case | None = None) -> dict[str, Verdict]:
     """Compare a run, drawn from another case if one is given, with the scene of a case, and with itself."""
     with scratch() as folder:
-        run_of(drawn or case, seed, folder / "run")
+        run_of(drawn or case, frames_of(drawn or case, seed), folder / "run")
         (folder / "scene.toml").write_text(scene_text(case))
         (folder / "noise.json").write_text(noise_text(case))
         found = {}
