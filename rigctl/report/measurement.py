@@ -19,6 +19,7 @@ from rigctl.report.drawing import (
 from rigctl.report.prediction import with_error
 
 if TYPE_CHECKING:
+    from model.processing.samples import Sample
     from rigctl.console import Json
     from rigctl.files.regions import Region
     from rigctl.measure.measure import MeasuredRegion, Measurement, PolarizationImages
@@ -49,7 +50,13 @@ def summary_table(regions: Mapping[str, MeasuredRegion], *, unit: str) -> Table[
 
 def _mean_text(row: tuple[str, MeasuredRegion], name: str) -> str:
     sample = row[1].quantities.get(name, {}).get("mean")
-    return NOTHING if sample is None else with_error(name, sample.value, sample.std_error)
+    return NOTHING if sample is None else sample_text(name, sample)
+
+
+def sample_text(name: str, sample: Sample) -> str:
+    """Return a measured number with its standard error or interval."""
+    interval = None if sample.intervals is None else sample.intervals[1]
+    return with_error(name, sample.value, sample.std_error, interval)
 
 
 def scene_pictures(images: PolarizationImages, regions: Sequence[Region], *, unit: str) -> bytes:

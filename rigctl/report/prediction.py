@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import cycle
-from math import isfinite
+from math import isfinite, nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -78,16 +78,22 @@ def _with_error(row: tuple[str, Statistics], statistic: str) -> str:
         return NO_NUMBER
     if value == 0.0 or abs(value) < _LEAST_SHARE * statistics.get("std", 0.0):
         return "0"
-    # An interval that reaches 0 is not one of equal errors to either side.
-    if error is not None and statistics.get(f"{statistic}_95_low") == 0.0:
-        return f"< {to_digits(statistics[f'{statistic}_95_high'], error)} (95 %)"
+    interval = statistics.get(f"{statistic}_95_low", nan), statistics.get(f"{statistic}_95_high", nan)
+    if error is not None and interval[0] == 0.0:
+        return with_error(quantity, value, error, interval)
     if error and error > (_OF_MEANS if statistic == "mean" else _IN_FOUR_DIGITS) * abs(value):
         return with_error(quantity, value, error)
     return f"{value:#.4g}".rstrip(".") if abs(value) < _WHOLE else f"{value:.0f}"
 
 
-def with_error(quantity: str, value: float, error: float) -> str:
-    """Return a number with its standard error; an AoLP whose 95 % interval covers all angles is undefined."""
+def with_error(quantity: str, value: float, error: float, interval: tuple[float, float] | None = None) -> str:
+    """Return a number with its standard error, or below the end of its 95 % interval if that begins at 0.
+
+    An AoLP whose 95 % interval covers all angles is undefined.
+    """
+    # Errors to either side are not equal then.
+    if interval is not None and interval[0] == 0.0:
+        return f"< {to_digits(interval[1], error)} (95 %)"
     if quantity == "aolp_deg" and not aolp_is_defined(np.radians(error)):
         return "undefined"
     return plus_minus(value, error)

@@ -249,7 +249,7 @@ class StokesResult(Result):
     def _answer(self) -> str:
         import numpy as np
 
-        from rigctl.report.prediction import with_error
+        from rigctl.report.measurement import sample_text
 
         regions = {
             name: one.quantities["dolp"]["mean"]
@@ -261,7 +261,7 @@ class StokesResult(Result):
         if regions:
             high = max(regions, key=lambda name: regions[name].value)
             among = f", the largest of {len(regions)} regions" if len(regions) > 1 else ""
-            return f"DoLP {with_error('dolp', regions[high].value, regions[high].std_error)} ({high}){among}"
+            return f"DoLP {sample_text('dolp', regions[high])} ({high}){among}"
         if self.run.regions:
             return "no region can be measured"
         good = self.dolp[np.isfinite(self.dolp)]
