@@ -31,7 +31,7 @@ _HARMONICS, _MANY = np.arange(1.0, 9.0), np.arange(1.0, 41.0)
 
 
 def rounded_moments(
-    level_dn: ArrayLike, var_dn2: ArrayLike, spread_dn2: ArrayLike = 0.0
+    level_dn: ArrayLike, var_dn2: ArrayLike, spread_dn2: ArrayLike = 0.0, third_dn3: ArrayLike = 0.0
 ) -> tuple[FloatArray, FloatArray]:
     """Return the shift of the mean by rounding, and the variance of the rounded signal.
 
@@ -43,6 +43,8 @@ def rounded_moments(
         Variance from frame to frame.
     spread_dn2
         Variance of the level over the averaged pixels, which also dithers.
+    third_dn3
+        Third central moment from frame to frame, of photon noise the gain to the third times the electrons.
 
     Returns
     -------
@@ -52,13 +54,16 @@ def rounded_moments(
     References
     ----------
     Sripad and Snyder (1977), IEEE Trans. Acoust. Speech Signal Process. 25, 442: the error of rounding is a sawtooth,
-    whose Fourier series has closed means for normal signals.
+    whose Fourier series has closed means for signals of known characteristic function: to third order here.
     """
-    level, var, spread = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (level_dn, var_dn2, spread_dn2)))
-    turn, k = 2.0 * np.pi * level[..., None] * _HARMONICS, _HARMONICS
+    given = (level_dn, var_dn2, spread_dn2, third_dn3)
+    level, var, spread, third = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in given))
+    k = _HARMONICS
+    turn = 2.0 * np.pi * k * level[..., None] - (2.0 * np.pi * k) ** 3 * third[..., None] / 6.0
     fading = (-1.0) ** k * np.exp(-2.0 * (np.pi * k) ** 2 * (var + spread)[..., None])
     shift = np.sum(fading * np.sin(turn) / (np.pi * k), axis=-1)
-    harmonics = np.sum(fading * np.cos(turn) * (4.0 * var[..., None] + (np.pi * k) ** -2.0), axis=-1)
+    even = np.cos(turn) * (4.0 * var[..., None] + (np.pi * k) ** -2.0)
+    harmonics = np.sum(fading * (even - 4.0 * np.pi * k * third[..., None] * np.sin(turn)), axis=-1)
     # Mean square of the pixels' shifts, from the first harmonic if they have a spread.
     own = np.exp(-4.0 * np.pi**2 * var) * (1.0 - np.exp(-8.0 * np.pi**2 * spread) * np.cos(2.0 * turn[..., 0]))
     squared = np.where(spread > 0.0, own / (2.0 * np.pi**2), shift**2)

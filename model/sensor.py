@@ -509,7 +509,9 @@ def channel_moments(
     temporal = temporal_variance_dn2(signal, noise=sensor.noise, exposure_s=sensor.exposure_s)
     if sensor.noise.quantisation:
         level = sensor.noise.black_level_dn + dark + signal
-        temporal, scene, pattern = _rounded(level, unquantised, temporal, scene, pattern)
+        photons = unquantised - (sensor.noise.gain_dn_per_e * sensor.noise.read_noise_e) ** 2
+        third = sensor.noise.gain_dn_per_e * photons
+        temporal, scene, pattern = _rounded(level, unquantised, third, temporal, scene, pattern)
     temporal = temporal + _angle_variance_dn2(aperture, sensor, angles, imperfections)
     clipped = np.zeros_like(signal)
     if sensor.saturates:
@@ -530,7 +532,12 @@ _DITHERED_DN2 = 1.5
 
 
 def _rounded(
-    level: FloatArray, unquantised: FloatArray, temporal: FloatArray, scene: FloatArray, pattern: FloatArray
+    level: FloatArray,
+    unquantised: FloatArray,
+    third: FloatArray,
+    temporal: FloatArray,
+    scene: FloatArray,
+    pattern: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return variance from frame to frame and covariances over the pixels of rounded counts.
 
@@ -539,8 +546,8 @@ def _rounded(
     spread = np.diagonal(scene + pattern, axis1=-2, axis2=-1)
     if np.all(unquantised + spread > _DITHERED_DN2):
         return temporal, scene, pattern
-    own = rounded_moments(level, unquantised, spread)[1]
-    whole = rounded_moments(level, unquantised + spread)[1]
+    own = rounded_moments(level, unquantised, spread, third)[1]
+    whole = rounded_moments(level, unquantised + spread, 0.0, third)[1]
     kept = np.sqrt(np.where(spread > 0.0, np.maximum(whole - own, 0.0) / np.where(spread > 0.0, spread, 1.0), 1.0))
     factor = kept[..., :, None] * kept[..., None, :]
     return temporal + own - unquantised - ROUNDING_VAR_DN2, scene * factor, pattern * factor

@@ -779,9 +779,10 @@ def temporal_variance(measurement: Measurement, region: MeasuredRegion, values: 
     variance = temporal_variance_dn2(signal_dn, noise=noise, exposure_s=grid.exposures_s) / grid.reads
     if np.any(variance < DITHERED_DN**2 + 1.0) and grid.is_whole and not measurement.frames.corrections.is_any:
         unrounded, level_dn = variance - ROUNDING_VAR_DN2, measurement.frames.dark_level.level_dn + signal_dn
-        even = rounded_moments(level_dn, unrounded)[1]
+        third = gain * (unrounded - (gain * read_noise) ** 2)
+        even = rounded_moments(level_dn, unrounded, 0.0, third)[1]
         # Texture dithers as noise does.
         spread = np.var(region.channel_pixels_mean, axis=1) / grid.to_unit**2 - even / grid.cycles
-        variance = rounded_moments(level_dn, unrounded, np.maximum(spread, 0.0))[1]
+        variance = rounded_moments(level_dn, unrounded, np.maximum(spread, 0.0), third)[1]
     factor = measurement.frames.corrections.noise_factor(grid.angles)
     return np.asarray((variance + grid.rounding_dn2) * grid.to_unit**2 * factor)
