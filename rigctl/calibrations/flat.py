@@ -21,7 +21,6 @@ from rigctl.base.durable import read_arrays
 from rigctl.base.numbers import wrapped
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.record import CalibrationRecord, checked_record, header_of, made_for_scene, source_of_run
-from rigctl.console import Json
 from rigctl.errors import DataError
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord
@@ -35,57 +34,11 @@ _MOST_SATURATED = 1e-3
 _NEAR_DEG = 0.5
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RunFlat:
-    """Flat fields by polarizer angle."""
+def flat_of_run(run: Run, *, valid_days: float | None = None) -> tuple[dict[str, Any], tuple[FlatField, ...]]:
+    """Return the flat fields of a run from its longest exposure that does not saturate, one for each angle.
 
-    angles_deg: FloatArray  #: Polarizer angles, 0 to 180 [deg].
-    flats: tuple[FlatField, ...]  #: One each.
-    exposure_s: float  #: Of the frames [s].
-    records: tuple[FrameRecord, ...]  #: The frames.
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Return the results for each angle; throughput is light at the angle over the mean of all angles."""
-        mean_dn = float(np.mean([flat.mean_dn for flat in self.flats]))
-        return [
-            {
-                "polarizer_angle_deg": angle,
-                "frames": flat.frames,
-                "mean_dn": flat.mean_dn,
-                "throughput": {"value": flat.mean_dn / mean_dn, "std_error": flat.mean_error_dn / mean_dn},
-                "pattern_rms": flat.pattern_rms,
-                "noise_rms": flat.noise_rms,
-            }
-            for angle, flat in zip(self.angles_deg.tolist(), self.flats, strict=True)
-        ]
-
-    def content(self, run: Run, *, valid_days: float | None = None) -> dict[str, Json]:
-        """Return the content of the file without its pictures."""
-        header = header_of(
-            "flat", SCHEMA_VERSION, source=source_of_run(run), run=run, records=self.records, valid_days=valid_days
-        )
-        return header | {
-            "exposure_s": self.exposure_s,
-            "angles": self.rows(),
-            "throughput": "over the mean of the angles; that of the polarizer only if the light is unpolarized and "
-            "steady",
-        }
-
-    def npz(self, content: Mapping[str, Json]) -> bytes:
-        """Return the bytes of the file."""
-        buffer = io.BytesIO()
-        np.savez_compressed(
-            buffer,
-            facts=np.frombuffer(json.dumps(content, allow_nan=False).encode(), dtype=np.uint8),
-            angles_deg=self.angles_deg,
-            response=np.array([flat.response for flat in self.flats], dtype=np.float32),
-            std_error=np.array([flat.std_error for flat in self.flats], dtype=np.float32),
-        )
-        return buffer.getvalue()
-
-
-def flat_of_run(run: Run) -> RunFlat:
-    """Return the flat fields of a run from its longest exposure that does not saturate."""
+    First comes the content of their file without the pictures.
+    """
     flats = [one for one in run.frames if one.kind == "flat" and one.polarizer_angle_deg is not None]
     usable = [one for one in flats if one.saturated_fraction <= _MOST_SATURATED and one.exposure_s is not None]
     if not usable:
@@ -99,13 +52,39 @@ def flat_of_run(run: Run) -> RunFlat:
     for record in chosen:
         groups[_angle_deg(record)].append(record)
     dark_dn = _dark_dn(run, chosen[0])
-    angles = sorted(groups)
-    return RunFlat(
-        angles_deg=np.array(angles),
-        flats=tuple(_flat(run, angle, groups[angle], dark_dn) for angle in angles),
-        exposure_s=exposure_s,
-        records=tuple(chosen),
+    found = tuple(_flat(run, angle, groups[angle], dark_dn) for angle in sorted(groups))
+    mean_dn = float(np.mean([flat.mean_dn for flat in found]))
+    header = header_of(
+        "flat", SCHEMA_VERSION, source=source_of_run(run), run=run, records=chosen, valid_days=valid_days
     )
+    return header | {
+        "exposure_s": exposure_s,
+        "angles": [
+            {
+                "polarizer_angle_deg": angle,
+                "frames": flat.frames,
+                "mean_dn": flat.mean_dn,
+                "throughput": {"value": flat.mean_dn / mean_dn, "std_error": flat.mean_error_dn / mean_dn},
+                "pattern_rms": flat.pattern_rms,
+                "noise_rms": flat.noise_rms,
+            }
+            for angle, flat in zip(sorted(groups), found, strict=True)
+        ],
+        "throughput": "over the mean of the angles; that of the polarizer only if the light is unpolarized and steady",
+    }, found
+
+
+def flat_bytes(content: Mapping[str, Any], flats: Iterable[FlatField]) -> bytes:
+    """Return the bytes of the file of flat fields."""
+    buffer, found = io.BytesIO(), tuple(flats)
+    np.savez_compressed(
+        buffer,
+        facts=np.frombuffer(json.dumps(content, allow_nan=False).encode(), dtype=np.uint8),
+        angles_deg=np.array([row["polarizer_angle_deg"] for row in content["angles"]]),
+        response=np.array([flat.response for flat in found], dtype=np.float32),
+        std_error=np.array([flat.std_error for flat in found], dtype=np.float32),
+    )
+    return buffer.getvalue()
 
 
 def _angle_deg(record: FrameRecord) -> float:

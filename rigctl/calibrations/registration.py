@@ -1,7 +1,8 @@
 """Image registration (``registration.json``): the shift of a run's picture at each stage angle."""
 
-from dataclasses import asdict, dataclass
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,6 @@ from calibration.polarimeter.pictures import Registration, Wander, fit_wander, r
 from rigctl.base.numbers import wrapped
 from rigctl.calibrations.made_for import Bounded, MadeFor, NotNegative, at_least
 from rigctl.calibrations.record import CalibrationRecord, header_of, source_of_run
-from rigctl.console import Json
 from rigctl.errors import DataError
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord
@@ -39,100 +39,56 @@ class AngleShift:
     std_error_pixels: tuple[NotNegative, NotNegative] | None = None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RunRegistration:
-    """Angles of a run and the shifts of their pictures."""
-
-    angle_deg: FloatArray  #: Stage angle, polarizer angle where a run has no stage [deg].
-    records: tuple[FrameRecord, ...]  #: The frames.
-    found: Registration  #: Shifts relative to the first angle.
-    wander: Wander | None  #: The circle through them; None with fewer than three angles. Its sense is the better one.
-
-    def rows(self) -> tuple[AngleShift, ...]:
-        """Return the shift at each angle."""
-        return tuple(
-            AngleShift(angle_deg=angle, shift_pixels=(x, y), std_error_pixels=(x_error, y_error))
-            for angle, (x, y), (x_error, y_error) in zip(
-                self.angle_deg.tolist(),
-                self.found.shift_pixels.tolist(),
-                self.found.std_error_pixels.tolist(),
-                strict=True,
-            )
-        )
-
-    def content(self, run: Run, *, valid_days: float | None = None) -> dict[str, Json]:
-        """Return the content of the file."""
-        header = header_of(
-            "registration",
-            SCHEMA_VERSION,
-            source=source_of_run(run),
-            run=run,
-            records=self.records,
-            valid_days=valid_days,
-        )
-        circle = self.wander
-        return header | {
-            "angles": [asdict(row) for row in self.rows()],
-            "wander": None
-            if circle is None
-            else {
-                "turning_pixels": [circle.turning_pixels.real, circle.turning_pixels.imag],
-                "sense": circle.sense,
-                "radius_pixels": abs(circle.turning_pixels),
-                "residual_pixels": circle.residual_pixels,
-            },
-            "finding": self.finding,
-        }
-
-    @property
-    def shifted(self) -> tuple[int, ...]:
-        """Indices of the pictures whose shift affects DoLP."""
-        sizes = np.linalg.norm(self.found.shift_pixels, axis=1)
-        errors = np.linalg.norm(self.found.std_error_pixels, axis=1)
-        return tuple(np.flatnonzero(sizes - _SIGMAS * errors > _WORTH_A_WORD_PIXELS).tolist())
-
-    @property
-    def finding(self) -> str | None:
-        """A sentence on the pictures whose shift affects DoLP; None without any."""
-        if not self.shifted:
-            return None
-        sizes = np.linalg.norm(self.found.shift_pixels, axis=1)
-        errors = np.linalg.norm(self.found.std_error_pixels, axis=1)
-        pictures = ", ".join(
-            f"at {self.angle_deg[index]:.1f} deg lies {sizes[index]:.2f} +- {errors[index]:.2f} pixel"
-            for index in self.shifted
-        )
-        return (
-            f"shifted_frames: the picture {pictures} from that at {self.angle_deg[0]:.1f} deg; DoLP is false at every "
-            "edge: calibrate registration and give --register, or leave edges out of regions"
-        )
-
-    @property
-    def doubt(self) -> str | None:
-        """A sentence on pictures that differ by more than a shift; None without any."""
-        sizes = np.linalg.norm(self.found.shift_pixels, axis=1)
-        off = [k for k in range(len(sizes)) if sizes[k] > _WORTH_A_WORD_PIXELS and not self.found.is_plain(k)]
-        if not off:
-            return None
-        pictures = "; ".join(
-            f"at {self.angle_deg[index]:.1f} deg {sizes[index]:.2f} pixel, ninths of the picture scatter by "
-            f"{self.found.scatter_pixels[index]:.2f} pixel, left of the edges {before_and_after(self.found, index)}"
-            for index in off
-        )
-        return (
-            f"not a plain shift: {pictures}: parts of the picture do not agree on it, or edges lie no better on one "
-            "another for it where it was not fitted, as after a turn, a change of scale, or where something moved"
-        )
-
-
 def before_and_after(found: Registration, index: int) -> str:
     """Return the residual of the edges of a picture before and after the correction, as text."""
     before, after = found.edge_residual[index]
     return f"{before:.2%} before, {after:.2%} after"
 
 
-def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
-    """Return the walk of a run's picture."""
+def shifted(found: Registration) -> list[int]:
+    """Return the indices of the pictures whose shift affects DoLP."""
+    sizes = np.linalg.norm(found.shift_pixels, axis=1)
+    errors = np.linalg.norm(found.std_error_pixels, axis=1)
+    return np.flatnonzero(sizes - _SIGMAS * errors > _WORTH_A_WORD_PIXELS).tolist()
+
+
+def _finding(angles_deg: FloatArray, found: Registration) -> str | None:
+    """Return a sentence on the pictures whose shift affects DoLP; None without any."""
+    off = shifted(found)
+    if not off:
+        return None
+    sizes = np.linalg.norm(found.shift_pixels, axis=1)
+    errors = np.linalg.norm(found.std_error_pixels, axis=1)
+    pictures = ", ".join(
+        f"at {angles_deg[index]:.1f} deg lies {sizes[index]:.2f} +- {errors[index]:.2f} pixel" for index in off
+    )
+    return (
+        f"shifted_frames: the picture {pictures} from that at {angles_deg[0]:.1f} deg; DoLP is false at every "
+        "edge: calibrate registration and give --register, or leave edges out of regions"
+    )
+
+
+def registration_doubt(file: Mapping[str, Any], found: Registration) -> str | None:
+    """Return a sentence on pictures that differ by more than a shift; None without any."""
+    sizes = np.linalg.norm(found.shift_pixels, axis=1)
+    off = [k for k in range(len(sizes)) if sizes[k] > _WORTH_A_WORD_PIXELS and not found.is_plain(k)]
+    if not off:
+        return None
+    pictures = "; ".join(
+        f"at {file['angles'][index]['angle_deg']:.1f} deg {sizes[index]:.2f} pixel, ninths of the picture scatter by "
+        f"{found.scatter_pixels[index]:.2f} pixel, left of the edges {before_and_after(found, index)}"
+        for index in off
+    )
+    return (
+        f"not a plain shift: {pictures}: parts of the picture do not agree on it, or edges lie no better on one "
+        "another for it where it was not fitted, as after a turn, a change of scale, or where something moved"
+    )
+
+
+def register_run(
+    run: Run, *, cycle: int | None = None, valid_days: float | None = None
+) -> tuple[dict[str, Any], Registration]:
+    """Return the content of the file that holds the walk of a run's picture, and the shifts with their edges."""
     scenes = [record for record in run.frames if record.kind == "scene"]
     wanted = cycle if cycle is not None else (scenes[0].cycle if scenes else None)
     records = [record for record in scenes if record.cycle == wanted]
@@ -146,12 +102,26 @@ def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
     pictures = np.array([run.counts(record).astype(np.float64) for record in records])
     usable = np.all([usable_pixels(record, counts) for record, counts in zip(records, pictures, strict=True)], axis=0)
     found = register(pictures, usable)
-    return RunRegistration(
-        angle_deg=angles,
-        records=tuple(records),
-        found=found,
-        wander=_wander(np.radians(angles), found.shift_pixels),
-    )
+    circle = _wander(np.radians(angles), found.shift_pixels)
+    source = source_of_run(run)
+    header = header_of("registration", SCHEMA_VERSION, source=source, run=run, records=records, valid_days=valid_days)
+    return header | {
+        "angles": [
+            {"angle_deg": angle, "shift_pixels": shift, "std_error_pixels": error}
+            for angle, shift, error in zip(
+                angles.tolist(), found.shift_pixels.tolist(), found.std_error_pixels.tolist(), strict=True
+            )
+        ],
+        "wander": None
+        if circle is None
+        else {
+            "turning_pixels": [circle.turning_pixels.real, circle.turning_pixels.imag],
+            "sense": circle.sense,
+            "radius_pixels": abs(circle.turning_pixels),
+            "residual_pixels": circle.residual_pixels,
+        },
+        "finding": _finding(angles, found),
+    }, found
 
 
 def _near(angle: float) -> float:

@@ -35,13 +35,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from calibration.pointing.pose import LensCalibration
+    from calibration.polarimeter.pictures import Registration
     from calibration.sensor.curves import DoublingTemperature
     from calibration.sensor.noise import NoiseCalibration
-    from rigctl.calibrations.flat import RunFlat
     from rigctl.calibrations.made_for import MeasuredOverFrames
     from rigctl.calibrations.noise import NoiseParameters
     from rigctl.calibrations.noise_frames import FrameSet
-    from rigctl.calibrations.registration import AngleShift, RunRegistration
 
 _BOARD = re.compile(r"(\d{1,3})x(\d{1,3})")
 _LEAST_CORNERS = 3
@@ -387,16 +386,15 @@ def flat(
     **frames
         See `RunOptions`.
     """
-    from rigctl.calibrations.flat import flat_of_run
+    from rigctl.calibrations.flat import flat_bytes, flat_of_run
     from rigctl.calibrations.record import write_whole
     from rigctl.runs.check import run_to_measure
 
     record = run_to_measure(Path(run), **frames)
-    found = flat_of_run(record)
-    file = found.content(record, valid_days=valid_days)
+    file, flats = flat_of_run(record, valid_days=valid_days)
     if out is not None:
-        write_whole(Path(out), found.npz(file))
-    result = FlatResult(found=found, file=file)
+        write_whole(Path(out), flat_bytes(file, flats))
+    result = FlatResult(file=file)
     if result.doubt is not None:
         warn(result.doubt)
     return result
@@ -406,18 +404,18 @@ def flat(
 class FlatResult(Result):
     """Flat fields of each polarizer angle."""
 
-    found: "RunFlat"
-    file: dict[str, Json]  #: content of the file apart from the pictures
+    file: dict[str, Any]  #: content of the file apart from the pictures
 
     @property
     def doubt(self) -> str | None:
         """Warning if flats have more noise than pattern, otherwise None."""
-        worse = [one for one in self.found.flats if one.noise_rms > one.pattern_rms]
+        angles = self.file["angles"]
+        worse = [one for one in angles if one["noise_rms"] > one["pattern_rms"]]
         if not worse:
             return None
-        largest = max(one.noise_rms / max(one.pattern_rms, _LEAST_PATTERN) for one in worse)
+        largest = max(one["noise_rms"] / max(one["pattern_rms"], _LEAST_PATTERN) for one in worse)
         return (
-            f"{len(worse)} of {len(self.found.flats)} flats have more noise of their own than pattern: dividing by "
+            f"{len(worse)} of {len(angles)} flats have more noise of their own than pattern: dividing by "
             f"them makes single pixels worse, and dust and vignetting alone better; take {largest**2:.0f} times as "
             f"many frames or more, or brighter ones"
         )
@@ -435,7 +433,7 @@ class FlatResult(Result):
             Column(title="pattern [%]", text=lambda row: f"{100.0 * row['pattern_rms']:.3f}"),
             Column(title="own noise [%]", text=lambda row: f"{100.0 * row['noise_rms']:.3f}"),
         )
-        rows = tuple(self.found.rows())
+        rows = tuple(self.file["angles"])
         pattern, noise = (percent(max(row[key] for row in rows)) for key in ("pattern_rms", "noise_rms"))
         yield f"pixels differ by {pattern} (rms), known to {noise} each"
         yield Table(columns=columns, rows=rows)
@@ -651,17 +649,17 @@ def registration(
         See `RunOptions`.
     """
     from rigctl.calibrations.record import write_content
-    from rigctl.calibrations.registration import register_run
+    from rigctl.calibrations.registration import register_run, registration_doubt
     from rigctl.runs.check import run_to_measure
 
     record = run_to_measure(Path(run), **frames)
-    found = register_run(record, cycle=cycle)
-    file = found.content(record, valid_days=valid_days)
-    is_refused = found.doubt is not None and not force_registration
+    file, found = register_run(record, cycle=cycle, valid_days=valid_days)
+    doubt = registration_doubt(file, found)
+    is_refused = doubt is not None and not force_registration
     if out is not None and not is_refused:
         write_content(Path(out), file)
-    if found.doubt is not None:
-        warn(found.doubt + ("; --force-registration keeps it" if is_refused else ""))
+    if doubt is not None:
+        warn(doubt + ("; --force-registration keeps it" if is_refused else ""))
     return RegistrationResult(found=found, file=file, is_refused=is_refused)
 
 
@@ -669,8 +667,8 @@ def registration(
 class RegistrationResult(Result):
     """Shift of the picture at each polarizer angle."""
 
-    found: "RunRegistration"
-    file: dict[str, Json]
+    found: "Registration"
+    file: dict[str, Any]  #: content of the file
     is_refused: bool  #: the shift does not make the pictures match; no file was written
 
     @property
@@ -682,29 +680,27 @@ class RegistrationResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the shift at each angle, the residual of the edges, and the circle of a wedge."""
-        from rigctl.calibrations.registration import before_and_after
+        from rigctl.calibrations.registration import before_and_after, shifted
         from rigctl.report.document import Column, Table
 
-        def errors(row: "AngleShift") -> str:
-            x_error, y_error = row.std_error_pixels or (0.0, 0.0)
-            return f"{x_error:.3f}, {y_error:.3f}"
-
-        columns: tuple[Column[AngleShift], ...] = (
-            Column(title="angle [deg]", text=lambda row: f"{row.angle_deg:.2f}"),
-            Column(title="right [pixel]", text=lambda row: f"{row.shift_pixels[0]:+.3f}"),
-            Column(title="down [pixel]", text=lambda row: f"{row.shift_pixels[1]:+.3f}"),
-            Column(title="std errors [pixel]", text=errors),
+        columns: tuple[Column[dict[str, Any]], ...] = (
+            Column(title="angle [deg]", text=lambda row: f"{row['angle_deg']:.2f}"),
+            Column(title="right [pixel]", text=lambda row: f"{row['shift_pixels'][0]:+.3f}"),
+            Column(title="down [pixel]", text=lambda row: f"{row['shift_pixels'][1]:+.3f}"),
+            Column(
+                title="std errors [pixel]", text=lambda row: ", ".join(f"{one:.3f}" for one in row["std_error_pixels"])
+            ),
         )
-        found = self.found
-        if found.wander is not None:
-            radius = abs(found.wander.turning_pixels)
-            yield f"pictures walk on a circle of {radius:.3f} pixel, residual {found.wander.residual_pixels:.3f} pixel"
-        yield Table(columns=columns, rows=found.rows())
-        for index in found.shifted:
-            text = f"edges at {found.angle_deg[index]:.1f} deg that do not lie on one another: "
-            yield text + before_and_after(found.found, index)
-        if found.finding is not None:
-            yield found.finding
+        circle, angles = self.file["wander"], self.file["angles"]
+        if circle is not None:
+            size, residual = circle["radius_pixels"], circle["residual_pixels"]
+            yield f"pictures walk on a circle of {size:.3f} pixel, residual {residual:.3f} pixel"
+        yield Table(columns=columns, rows=tuple(angles))
+        for index in shifted(self.found):
+            text = f"edges at {angles[index]['angle_deg']:.1f} deg that do not lie on one another: "
+            yield text + before_and_after(self.found, index)
+        if self.file["finding"] is not None:
+            yield self.file["finding"]
 
     def as_json(self) -> dict[str, Json]:
         """Return the content of the file."""

@@ -75,7 +75,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @pytest.fixture(scope="module")
 def registration(run: Run) -> ImageRegistration:
-    return TypeAdapter(ImageRegistration).validate_python(register_run(run).content(run))
+    return TypeAdapter(ImageRegistration).validate_python(register_run(run)[0])
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +156,7 @@ def test_shifts_without_a_circle_are_looked_up_by_angle() -> None:
 
 
 def test_a_shift_that_shows_is_a_finding(run: Run, registration: ImageRegistration) -> None:
-    finding = register_run(run).finding or ""
+    finding = register_run(run)[0]["finding"] or ""
     assert finding.startswith("shifted_frames: the picture at 45.0 deg lies 0.4")
     # Every picture that is shifted is named.
     assert "at 90.0 deg lies 0.8" in finding
@@ -166,4 +166,4 @@ def test_a_shift_that_shows_is_a_finding(run: Run, registration: ImageRegistrati
         run.path.parent / "still",
         [(at(45.0 * k, cycle=0, stage_angle_deg=45.0 * k), run.counts(record)) for k, record in enumerate(first)],
     )
-    assert register_run(still).finding is None
+    assert register_run(still)[0]["finding"] is None
