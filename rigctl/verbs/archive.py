@@ -155,10 +155,14 @@ class RigHealth(Result):
     found: "ArchiveHealth"
 
     def content(self) -> Iterable[Part]:
-        """Return a row for each run, changes, numbers that stand out, and runs that cannot be read."""
+        """Return how much changed, a row for each run, changes, numbers that stand out, and runs not read."""
         from rigctl.archive.report import health_table
 
         found = self.found
+        yield (
+            f"{len(found.runs)} runs: {len(found.changes)} changes of the rig, {len(found.outlying)} numbers stand out, "
+            f"{len(found.unread)} runs cannot be read"
+        )
         yield health_table(found.runs)
         for change in found.changes:
             yield f"{change.utc[:16]}Z  {change.run}: {change.what}: {change.before} -> {change.after}"

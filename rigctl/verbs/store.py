@@ -90,7 +90,7 @@ class StoreResult(Result):
     choices: "tuple[Choice, ...] | None" = None
 
     def content(self) -> Iterable[Part]:
-        """Return the calibrations as a table, and the choices."""
+        """Return how many calibrations there are, a table of them, and the choices."""
         from rigctl.calibrations.made_for import age_days
         from rigctl.report.document import Column, Table
 
@@ -112,6 +112,8 @@ class StoreResult(Result):
             Column(title="deg C", text=lambda one: _number(one.made_for.temperature_c)),
             Column(title="file", text=lambda one: str(one.file.relative_to(self.store.folder)), left=True),
         )
+        expired = sum(not _holds(one, self.now) for one in self.store.calibrations)
+        yield f"{len(self.store.calibrations)} calibrations in {self.store.folder}, {expired} of them expired"
         yield Table(columns=columns, rows=self.store.calibrations)
         yield from (one.line for one in self.choices or () if one.selection is not None or one.others)
 
