@@ -160,8 +160,8 @@ class RigHealth(Result):
 
         found = self.found
         yield (
-            f"{len(found.runs)} runs: {len(found.changes)} changes of the rig, {len(found.outlying)} numbers stand out, "
-            f"{len(found.unread)} runs cannot be read"
+            f"{len(found.runs)} runs: {len(found.changes)} changes of the rig, {len(found.outlying)} numbers stand "
+            f"out, {len(found.unread)} runs cannot be read"
         )
         yield health_table(found.runs)
         for change in found.changes:

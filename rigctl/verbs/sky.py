@@ -103,9 +103,12 @@ class SkyResult(Result):
     def content(self) -> Iterable[Part]:
         """Return sun, irradiance and largest DoLP, or a table of the kinds of aerosol."""
         from rigctl.report.light import kinds_picture, kinds_table, sky_lines, sky_picture
+        from rigctl.scene.sky_map import sky_difference
 
         lines = sky_lines(self.sky)
         if self.kinds:
+            most = max(sky_difference(one.sky, self.kinds[0].sky)["largest_dolp"] for one in self.kinds)
+            yield f"the kind of aerosol moves the DoLP of the sky by up to {most:.3f}"
             yield kinds_table(self.kinds)
             yield from (lines[0], *self.sky.remarks[:1])
             yield lambda: kinds_picture(self.kinds)
