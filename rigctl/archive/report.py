@@ -276,4 +276,4 @@ def _failed(rows: Sequence[RunRow]) -> Iterable[Section]:
             rows=tuple((str(times), reason) for reason, times in failed.most_common()),
         )
         note = "Equal reasons of several runs are listed once, without their folder."
-        yield Section(title="Unfit", blocks=(table, note))
+        yield Section(title="Runs without a result", blocks=(table, note))

@@ -473,7 +473,7 @@ def _of_region(
     if any(row.agrees is False for row in rows if row.region == name):
         return RegionVerdict(verdict="disagrees", reason="")
     if not any(row.agrees is not None for row in rows if row.region == name):
-        return RegionVerdict(verdict="cannot_be_judged", reason="no number of it was tested")
+        return RegionVerdict(verdict="cannot_be_judged", reason="none of its numbers was tested")
     flags = [check.name for check in checks if check.verdict == "flagged" and check.region in (None, name)]
     if flags:
         return RegionVerdict(verdict="agrees_with_reservations", reason="flagged: " + ", ".join(flags))

@@ -91,7 +91,7 @@ from rigctl.prediction.predict import (
 )
 from rigctl.runs.records import monitor_traces, read_events
 from rigctl.scene.effects import plan_effects
-from rigctl.scene.light import lit_scene, sensor_of
+from rigctl.scene.light import lit_scene
 from rigctl.scene.scene import Inputs, Scene, acting_effects, only_uncertain
 
 FloatArray = NDArray[np.float64]
@@ -459,10 +459,9 @@ def _unstated(
 ) -> tuple[UnstatedEffect, ...]:
     """Return the effects that are not stated, of the sizes that the run shows or that are usual."""
     scene, shown = predictor.inputs.scene, shown_effects(run)
-    sensor = sensor_of(scene, predictor.exposure_s)
     with as_config_error(f"scene {scene.name}"):
         whole, others = with_unstated(
-            lit_scene(scene, sensor=sensor, readout=predictor.readout),
+            lit_scene(scene, readout=predictor.readout, exposure_s=predictor.exposure_s),
             accuracy.effects,
             accuracy.predicted.result.settings,
             store=predictor.light.lights,

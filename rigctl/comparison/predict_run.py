@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from model.accuracy.chain import Settings
 from model.effects.names import Effect
-from model.prediction import RegionPrediction, predict, predict_with_errors
+from model.prediction import RegionPrediction
 from model.quantities import angle_of
 from model.scene.field import FieldLight
 from model.scene.scene import Readout
@@ -24,9 +24,10 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.files.place import GeometrySection, Place, PointingSection, SiteSection
 from rigctl.files.toml import Uncertain
 from rigctl.measure.measure import Measurement
+from rigctl.prediction.predict import predict_scene
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord, SimulatedLight
-from rigctl.scene.light import SceneLight, build_scenario, sun_text
+from rigctl.scene.light import SceneLight, sun_text
 from rigctl.scene.scene import (
     Inputs,
     Parameter,
@@ -34,7 +35,6 @@ from rigctl.scene.scene import (
     Sun,
     gather,
     parameters,
-    rig_errors,
     with_geometry,
     with_sun,
     without_effects,
@@ -78,12 +78,12 @@ class RunPredictor:
     def predictions(self, values: FloatArray) -> dict[str, RegionPrediction]:
         """Return what the model says of each region, at values of the inputs."""
         scene = self.inputs.at(values)
-        errors = rig_errors(scene)
         try:
-            scenario = build_scenario(
-                scene, readout=self.readout, exposure_s=self.exposure_s, light=self.light, settings=self.settings
+            return with_ratios(
+                predict_scene(
+                    scene, readout=self.readout, exposure_s=self.exposure_s, light=self.light, settings=self.settings
+                )
             )
-            return with_ratios(predict(scenario) if errors is None else predict_with_errors(scenario, errors))
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}, its numbers within their uncertainties: {error}") from error
 

@@ -24,7 +24,6 @@ from rigctl.calibrations.made_for import CalibrationKind
 from rigctl.calibrations.polarizer import PolarizerParameters, read_polarizer_file
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region
-from rigctl.measure.calibrations import selected_for_run
 from rigctl.measure.faults import FaultTerm, fault_lines, fault_title
 from rigctl.measure.frames import (
     CalibrationPaths,
@@ -37,6 +36,7 @@ from rigctl.measure.frames import (
     flat_remarks,
     moved_edges,
     region_slopes,
+    selected_for_run,
 )
 from rigctl.measure.measure import Measurement, measure, signal_of_cycle
 from rigctl.runs.folder import Run

@@ -16,12 +16,23 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction import PairDetection, RegionPrediction, detections_of_cases, predict
+from model.prediction import (
+    LEAST_S0_DN,
+    PairDetection,
+    PolarizationStrength,
+    RegionPrediction,
+    detections_of_cases,
+    detections_of_sweep,
+    polarization_strength,
+    predict,
+    predict_with_errors,
+)
 from model.processing.agreement import Propagation, propagate
 from model.quantities import difference
+from model.scene.scene import Readout
 from rigctl.errors import ConfigError, DataError, as_config_error
 from rigctl.files.choices import ROC_KINDS, RocKind
-from rigctl.scene.light import SceneLight, build_scenario, camera_view, lit_scene, readout_of, sensor_of
+from rigctl.scene.light import SceneLight, build_scenario, camera_view, lit_scene, readout_of
 from rigctl.scene.scene import (
     Inputs,
     acting_effects,
@@ -35,29 +46,15 @@ from rigctl.scene.scene import (
 )
 
 if TYPE_CHECKING:
-    from model.accuracy.chain import Clock
+    from model.accuracy.chain import Clock, Settings
     from model.accuracy.predict import Predicted, Predictions
     from model.effects.names import EffectPlan
-    from model.prediction import PolarizationStrength
     from model.scene.field import FieldLight, Source
     from model.scene.scene import LitScene
     from rigctl.calibrations.noise import NoiseParameters
     from rigctl.files.choices import EffectRule
     from rigctl.files.scene_file import SceneFile
     from rigctl.scene.scene import Scene
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SceneGeometry:
-    """Position of sun and camera, and irradiance [deg, W m-2 in band]."""
-
-    sun_zenith_deg: float
-    sun_azimuth_deg: float
-    camera_zenith_deg: float
-    camera_azimuth_deg: float
-    phi_deg: float
-    direct_irradiance: float
-    sky_irradiance: float
 
 
 def _with_changes(scene: "Scene", changed: Mapping[str, float]) -> "Scene":
@@ -74,8 +71,26 @@ class ScenePrediction:
 
     predictions: dict[str, RegionPrediction]  #: Predictions by region.
     lights: dict[str, "FieldLight"]  #: Light by region, for regions with a material.
-    geometry: SceneGeometry | None  #: For a scene with such a region.
+    #: Position of sun and camera, and irradiance [deg, W m-2 in band], of a scene with such a region; else empty.
+    geometry: dict[str, float]
     remarks: tuple[str, ...]  #: Assumptions and least certain inputs.
+
+
+def predict_scene(
+    scene: "Scene",
+    *,
+    readout: Readout,
+    exposure_s: float | None = None,
+    light: SceneLight,
+    source: "Source" = "total",
+    settings: "Settings | None" = None,
+) -> dict[str, RegionPrediction]:
+    """Return the prediction of each region of a scene, with the errors of its rig."""
+    scenario = build_scenario(
+        scene, readout=readout, exposure_s=exposure_s, light=light, source=source, settings=settings
+    )
+    errors = rig_errors(scene)
+    return predict(scenario) if errors is None else predict_with_errors(scenario, errors)
 
 
 class ScenePredictor:
@@ -127,22 +142,11 @@ class ScenePredictor:
     def predictions_of(self, scene: "Scene") -> dict[str, RegionPrediction]:
         """Return the prediction of this scene with some numbers changed."""
         with as_config_error(f"scene {scene.name}"):
-            scenario = build_scenario(
-                scene, readout=self._readout, exposure_s=scene.exposure_s, light=self._light, source=self._source
-            )
-            errors = rig_errors(scene)
-            if errors is None:
-                return predict(scenario)
-            from model.prediction import predict_with_errors
-
-            return predict_with_errors(scenario, errors)
+            return predict_scene(scene, readout=self._readout, light=self._light, source=self._source)
 
     def lit_scene(self, scene: "Scene | None" = None) -> "LitScene":
         """Return the scene as a record of the model."""
-        of = self.scene if scene is None else scene
-        with as_config_error(f"scene {of.name}"):
-            sensor = sensor_of(of, of.exposure_s)
-        return lit_scene(of, sensor=sensor, readout=self._readout, source=self._source)
+        return lit_scene(self.scene if scene is None else scene, readout=self._readout, source=self._source)
 
     def effect_plan(
         self, tolerance: float, *, rule: "EffectRule" = "safe", of: "LitScene | None" = None
@@ -233,22 +237,22 @@ class ScenePredictor:
         return ScenePrediction(
             predictions=predictions,
             lights={region.name: self._light.region(scene, region) for region in materials},
-            geometry=self._geometry() if materials else None,
+            geometry=self._geometry() if materials else {},
             remarks=self.remarks,
         )
 
-    def _geometry(self) -> SceneGeometry:
+    def _geometry(self) -> dict[str, float]:
         illumination, view = self._light.illumination(self.scene), camera_view(self.scene)
         phi_deg = np.degrees(illumination.sun_azimuth_rad - view.azimuth_rad)
-        return SceneGeometry(
-            sun_zenith_deg=float(np.degrees(illumination.sun_zenith_rad)),
-            sun_azimuth_deg=float(np.degrees(illumination.sun_azimuth_rad)) % 360.0,
-            camera_zenith_deg=float(np.degrees(view.zenith_rad)),
-            camera_azimuth_deg=float(np.degrees(view.azimuth_rad)) % 360.0,
-            phi_deg=180.0 - float(180.0 - phi_deg) % 360.0,
-            direct_irradiance=illumination.lighting.direct_irradiance,
-            sky_irradiance=illumination.sky_irradiance,
-        )
+        return {
+            "sun_zenith_deg": float(np.degrees(illumination.sun_zenith_rad)),
+            "sun_azimuth_deg": float(np.degrees(illumination.sun_azimuth_rad)) % 360.0,
+            "camera_zenith_deg": float(np.degrees(view.zenith_rad)),
+            "camera_azimuth_deg": float(np.degrees(view.azimuth_rad)) % 360.0,
+            "phi_deg": 180.0 - float(180.0 - phi_deg) % 360.0,
+            "direct_irradiance": illumination.lighting.direct_irradiance,
+            "sky_irradiance": illumination.sky_irradiance,
+        }
 
 
 def _require_recorded_rig(scene: "Scene") -> None:
@@ -279,23 +283,19 @@ class Performance:
     """Polarization and detection by the model, of single pixels of one cycle."""
 
     #: Quantiles of DoLP by region; None without light.
-    strengths: dict[str, "PolarizationStrength | None"]
-    detections: tuple["PairDetection", ...]  #: Every ordered pair of regions, at `STATED_RATES`.
+    strengths: dict[str, PolarizationStrength | None]
+    detections: tuple[PairDetection, ...]  #: Every ordered pair of regions, at `STATED_RATES`.
 
 
-def performance_of(predictions: Mapping[str, "RegionPrediction"]) -> Performance:
+def performance_of(predictions: Mapping[str, RegionPrediction]) -> Performance:
     """Return the distribution of DoLP of every region, and the detection of each region on every other."""
-    from model.prediction import detections_of_sweep
-
     return Performance(
         strengths={name: _strength(prediction) for name, prediction in predictions.items()},
         detections=detections_of_sweep((predictions,), STATED_RATES)[0],
     )
 
 
-def _strength(prediction: "RegionPrediction") -> "PolarizationStrength | None":
-    from model.prediction import LEAST_S0_DN, polarization_strength
-
+def _strength(prediction: RegionPrediction) -> PolarizationStrength | None:
     if not prediction.stokes_dn.mean[0] > LEAST_S0_DN:
         return None
     try:
@@ -318,8 +318,8 @@ class NumberKey(NamedTuple):
 
 def propagate_numbers(
     numbers: Mapping[NumberKey, float],
-    inputs: "Inputs",
-    predicted: Callable[[FloatArray], Mapping[str, "RegionPrediction"]],
+    inputs: Inputs,
+    predicted: Callable[[FloatArray], Mapping[str, RegionPrediction]],
 ) -> Propagation:
     """Return the propagation of the uncertain inputs to predicted numbers, in their order."""
     uncertain = np.flatnonzero(np.diag(inputs.cov) > 0.0)
@@ -334,8 +334,6 @@ def propagate_numbers(
             raise ValueError(str(error)) from error
         return np.array([difference(key.quantity, _value(key, regions), number) for key, number in numbers.items()])
 
-    from rigctl.scene.scene import only_uncertain
-
     found = only_uncertain(inputs)
     try:
         fitted = [k for k, name in enumerate(found.names) if name in found.fitted]
@@ -344,7 +342,7 @@ def propagate_numbers(
         raise ConfigError(f"the uncertainties of the inputs ({', '.join(found.names)}): {error}") from error
 
 
-def curved_inputs(propagation: Propagation, uncertain: "Inputs") -> Iterable[str]:
+def curved_inputs(propagation: Propagation, uncertain: Inputs) -> Iterable[str]:
     """Return the inputs propagated by quadrature, and those by slopes for lack of room."""
     if propagation.curved:
         names = ", ".join(uncertain.names[k] for k in propagation.curved)
@@ -354,7 +352,7 @@ def curved_inputs(propagation: Propagation, uncertain: "Inputs") -> Iterable[str
         yield f"propagated by a slope, because it is near its limit: {names}"
 
 
-def correlated_pairs(uncertain: "Inputs") -> list[tuple[str, str, float]]:
+def correlated_pairs(uncertain: Inputs) -> list[tuple[str, str, float]]:
     """Return the pairs of inputs with correlated errors, strongest first."""
     std = np.sqrt(np.diag(uncertain.cov))
     correlation = uncertain.cov / np.outer(std, std)
@@ -363,7 +361,7 @@ def correlated_pairs(uncertain: "Inputs") -> list[tuple[str, str, float]]:
     return sorted(rows, key=lambda row: -abs(row[2]))
 
 
-def _value(key: NumberKey, regions: Mapping[str, "RegionPrediction"]) -> float:
+def _value(key: NumberKey, regions: Mapping[str, RegionPrediction]) -> float:
     try:
         return regions[key.region].quantities[key.quantity][key.statistic]
     except KeyError as error:
@@ -398,7 +396,7 @@ class PredictedUncertainty:
 
 
 def predicted_uncertainty(
-    predictor: "ScenePredictor", predictions: Mapping[str, "RegionPrediction"]
+    predictor: "ScenePredictor", predictions: Mapping[str, RegionPrediction]
 ) -> PredictedUncertainty:
     """Return the uncertainty of predictions from the inputs.
 
@@ -450,13 +448,13 @@ def parse_roc(request: str, regions: tuple[str, ...]) -> RocPair:
     return names[0], names[1]
 
 
-def roc_curves(found: Mapping[str, "RegionPrediction"], pair: RocPair) -> dict[RocKind, PairDetection]:
+def roc_curves(found: Mapping[str, RegionPrediction], pair: RocPair) -> dict[RocKind, PairDetection]:
     """Return the whole ROC of a pair for each kind of vector."""
     return {kind: curves[0] for kind, curves in roc_curves_of_sweep((found,), pair).items()}
 
 
 def roc_curves_of_sweep(
-    found: Sequence[Mapping[str, "RegionPrediction"]], pair: RocPair
+    found: Sequence[Mapping[str, RegionPrediction]], pair: RocPair
 ) -> dict[RocKind, tuple[PairDetection, ...]]:
     """Return the whole ROC of a pair at each point of a sweep, for each kind of vector."""
     cases = [(*pair, one) for one in found]

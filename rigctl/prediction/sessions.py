@@ -35,7 +35,7 @@ from model.sensor import Sensor
 from rigctl.calibrations.noise import NoiseParameters
 from rigctl.errors import ConfigError, as_config_error
 from rigctl.files.scene_file import SceneFile
-from rigctl.scene.light import SceneLight, build_scenario, readout_of
+from rigctl.scene.light import SceneLight, build_scenario
 from rigctl.scene.scene import scene_of_file
 
 # Share of the largest count for the brightest counts.
@@ -47,12 +47,7 @@ class SceneSessions:
 
     def __init__(self, scene: SceneFile, noise: NoiseParameters | None, *, light: SceneLight | None = None) -> None:
         self._scene = scene_of_file(scene, noise)
-        scenario = build_scenario(
-            self._scene,
-            readout=readout_of(self._scene),
-            exposure_s=self._scene.exposure_s,
-            light=SceneLight() if light is None and scene.has_materials else light,
-        )
+        scenario = build_scenario(self._scene, light=light)
         self._sensor: Sensor = scenario.sensor
         self._apertures: dict[str, Moments] = {region.name: region.aperture_moments() for region in scenario.regions}
         self._lights: dict[tuple[tuple[float, ...], float], dict[str, CycleLight]] = {}

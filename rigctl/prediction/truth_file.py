@@ -11,7 +11,7 @@ import numpy as np
 from rigctl.base.durable import sha256_of, write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile, SceneRegion, load_scene
-from rigctl.scene.light import build_scenario, readout_of, sun_text
+from rigctl.scene.light import build_scenario, sun_text
 from rigctl.scene.scene import scene_of_file, with_values
 
 _NOT_OF_THE_TRUTH = {"sun", "geometry", "atmosphere", "field_of_view", "errors", "effects", "rig", "site"}
@@ -22,7 +22,7 @@ def write_truth(scene_path: Path, out: Path, *, changes: Mapping[str, float] | N
     file = load_scene(scene_path)
     # Errors of the rig are not part of the light.
     scene = with_values(replace(scene_of_file(file), rig=None), changes or {})
-    scenario = build_scenario(scene, readout=readout_of(scene), exposure_s=scene.exposure_s)
+    scenario = build_scenario(scene)
     regions = [
         _stated(region, np.asarray(light.stokes_radiance), light.aperture_moments().cov)
         for region, light in zip(file.regions, scenario.regions, strict=True)

@@ -1,8 +1,8 @@
 """A comparison of a run with the model as people and programs read it: rows, tables, figures, JSON, page and files.
 
-The page answers first: verdict in one sentence, a number with its error in every cell of the summary, maps of S0, DoLP
-and AoLP, and the size of the likeliest cause where both disagree. `ROW_COLUMNS` says once what a row is on the page, in
-the terminal, in CSV and in JSON.
+The page begins with the verdict in one sentence, a summary in which every number has its error, and maps of S0, DoLP
+and AoLP. After a disagreement the verdict states the likeliest cause with its size. `ROW_COLUMNS` declares a row for
+the page, the terminal, CSV and JSON.
 """
 
 from __future__ import annotations
@@ -47,18 +47,17 @@ from rigctl.report.drawing import (
 )
 from rigctl.report.effects import taken_table
 from rigctl.report.light import light_figure, share_table
-from rigctl.report.measurement import aolp_map, residual_picture, scene_maps
-from rigctl.report.numbers import (
-    SCHEMA_VERSION,
-    STATISTICS,
+from rigctl.report.measurement import (
     annotation_sections,
     annotations_of,
+    aolp_map,
     diagnosis_json,
     measurement_json,
     pixels_json,
-    prediction_json,
+    residual_picture,
+    scene_maps,
 )
-from rigctl.report.prediction import detection_table, strength_table
+from rigctl.report.prediction import SCHEMA_VERSION, STATISTICS, detection_table, prediction_json, strength_table
 from rigctl.version import VERSION
 
 if TYPE_CHECKING:
@@ -98,7 +97,7 @@ def measured_text(row: Row) -> str:
 
 
 def score_text(row: Row) -> str:
-    """Return the score of a row; beyond 10 its size rests on tails of laws that nobody knows."""
+    """Return the score of a row; above 10 only its sign, because its size depends on unknown tails of distributions."""
     if row.z is None:
         return NOTHING
     return f"{row.z:+z.1f}" if abs(row.z) <= _LARGEST_SCORE else ">10" if row.z > 0.0 else "<-10"
@@ -436,7 +435,7 @@ _NAME_INCH = 0.1
 
 
 def channel_bars(rows: tuple[Row, ...], *, unit: str) -> bytes:
-    """Return mean and deviation of the counts by channel, predicted beside measured, as [MK14] Fig. 7."""
+    """Return mean and deviation of the counts by channel, predicted next to measured, as [MK14] Fig. 7."""
     regions = list(dict.fromkeys(row.region for row in rows))
     size = 3.6 * len(regions) + 0.2, 5.6
     figure, axes = placed_axes(2, len(regions), size=size, margins=(0.85, 0.1, 0.85, 0.3), apart=(0.9, 0.8))
@@ -619,7 +618,7 @@ def comparison_report(comparison: Comparison) -> Report:
             _pictures(measurement, comparison.run.regions),
             *_attributed(comparison),
             *_disagreements(comparison),
-            Section(title="What the verdict rests on", blocks=(tuple(_reasons(comparison)),)),
+            Section(title="Basis of the verdict", blocks=(tuple(_reasons(comparison)),)),
             *annotation_sections(measurement.run.annotations),
             *_residual_of_fit(measurement),
             *_both_sides_section(comparison, measurement),
@@ -660,7 +659,7 @@ def verdict(comparison: Comparison) -> str:
 
 
 def likeliest_cause(comparison: Comparison) -> str:
-    """Return the likeliest cause of a disagreement and its size; nothing where the rows point to none."""
+    """Return the likeliest cause of a disagreement and its size; empty if the rows point to no cause."""
     cause = next(iter(comparison.points_to), None)
     if cause == "axis-offset":
         off = _mean_of(
@@ -684,7 +683,7 @@ def _means(comparison: Comparison, quantity: str) -> list[Row]:
 
 
 def _mean_of(found: Sequence[tuple[float, float]]) -> str:
-    """Return the weighted mean of numbers with errors; the error is the larger one, of theirs and of their scatter."""
+    """Return the weighted mean of numbers; its error is by their errors or by their scatter, the larger one."""
     if not found:
         return ""
     values, errors = np.array(found).T
@@ -712,9 +711,9 @@ def _reasons(comparison: Comparison) -> Iterable[str]:
 def _summary(comparison: Comparison) -> Section:
     regions = comparison.measurement.regions
     note = (
-        "Means of the regions ± standard errors. A prediction without ± rests on inputs that are stated as exact. z: "
-        "the difference over the errors of both sides, as a normal score; where polarization is weak, that of DoLP is "
-        "of S1 and S2 together, and AoLP has none. Pixels: "
+        "Means of the regions ± standard errors. A prediction without ± uses inputs that are stated as exact. z is the "
+        "difference over the errors of both sides, as a normal score. Where polarization is weak, the z of DoLP is "
+        "that of S1 and S2 together, and AoLP has no z. Pixels: "
         f"{', '.join(f'{name} {region.pixels}' for name, region in regions.items())}. The ± of a prediction from exact "
         "inputs is its numerical error."
     )
@@ -742,8 +741,8 @@ def _residual_of_fit(measurement: Measurement) -> Iterable[Section]:
 def _disagreements(comparison: Comparison) -> Iterable[Section]:
     if comparison.disagreements:
         worst = disagreeing(comparison, _SHOWN_DISAGREEMENTS)
-        text = f"The {len(worst)} farthest of {len(comparison.disagreements)}; all stand in the tables below."
-        yield Section(title="What disagrees", blocks=(mixed_row_table(worst), text))
+        text = f"The {len(worst)} largest of {len(comparison.disagreements)}; the tables below list all."
+        yield Section(title="Disagreements", blocks=(mixed_row_table(worst), text))
 
 
 def _attributed(comparison: Comparison) -> Iterable[Section]:
@@ -754,10 +753,10 @@ def _attributed(comparison: Comparison) -> Iterable[Section]:
     method = (
         f"{attribution.remark[:1].upper()}{attribution.remark[1:]}. Chi-square of the residuals: "
         f"{attribution.chi_square:.1f} with {attribution.degrees_of_freedom} degrees of freedom, "
-        f"{p_value(attribution.p_value)}, in the errors of measurement and inputs together. For each input alone: how "
-        "far it would have to move, in its own standard uncertainties, to remove what it can of the residuals; the "
-        "score, standard normal where nothing is wrong; the p-value of the remaining residuals; the share of its "
-        "stated variance that these data resolve; and inputs whose effect cannot be distinguished."
+        f"{p_value(attribution.p_value)}, in the errors of measurement and inputs together. The table moves each "
+        "input alone until it removes as much of the residuals as it can. It shows the move in standard uncertainties "
+        "of the input; a score, which is standard normal if nothing is wrong; the p-value of the remaining residuals; "
+        "the share of its stated variance that these data resolve; and inputs whose effect cannot be distinguished."
     )
     details: tuple[Block, ...] = (method,)
     if attribution.moves:
@@ -765,13 +764,13 @@ def _attributed(comparison: Comparison) -> Iterable[Section]:
     if attribution.unseen:
         details += (("The data do not depend on " + ", ".join(attribution.unseen) + "."),)
     fitted = (
-        "FITTED to this run, not measured otherwise: all inputs updated at once (Bayesian linear update), each "
-        "held by its stated uncertainty. Not for a comparison with the run that they were fitted to."
+        "These values are FITTED to this run; nothing else measured them. All inputs are updated at once (Bayesian "
+        "linear update), each constrained by its stated uncertainty. Do not compare this run with them."
     )
     details += (fitted, fitted_table(attribution))
     explains = attribution.best is not None and attribution.best.removes
     is_open = bool(comparison.disagreements) and (explains or not likeliest_cause(comparison))
-    yield Section(title="What would explain the residuals", blocks=details, folded=not is_open, printed=is_open)
+    yield Section(title="Possible causes of the residuals", blocks=details, folded=not is_open, printed=is_open)
 
 
 def _both_sides_section(comparison: Comparison, measurement: Measurement) -> Iterable[Section]:
@@ -800,9 +799,9 @@ def _both_sides_section(comparison: Comparison, measurement: Measurement) -> Ite
 def _trends(comparison: Comparison) -> Iterable[Section]:
     if comparison.trends:
         note = (
-            "Order of numbers, whatever their scale. A pair is known where it differs by more than two standard "
-            "errors on both sides; the trend is predicted where every known pair is in order. The chance is that of so "
-            "good an order by accident: few numbers make weak evidence."
+            "Compares the order of numbers, not their size. The order of a pair is known if it differs by more than "
+            "two standard errors on both sides. The trend is predicted if every known pair is in order. Chance is the "
+            "probability of such an order by accident; a few numbers are weak evidence."
         )
         yield Section(title="Trends", blocks=(trend_table(comparison.trends), note))
 
@@ -826,10 +825,10 @@ def _effects(effects: NumericalAccuracy | None) -> Iterable[Section]:
     if effects is None:
         return
     note = (
-        "The most that leaving an effect out can change: of DoLP, s1 and s2 absolute, of the counts relative. "
-        "Called for: whether leaving it out could cost more than half of the numerical tolerance. A comparison takes "
-        "every effect behind the lens, and those of the light that are called for, but for what somebody left out by "
-        "request (rigctl effects, --without)."
+        "The largest change from leaving an effect out: absolute for DoLP, s1 and s2, relative for the counts. An "
+        "effect is called for if leaving it out could cost more than half of the numerical tolerance. A comparison "
+        "takes every effect behind the lens and those of the light that are called for, except those left out by "
+        "--without."
     )
     yield Section(title="Effects taken and skipped", blocks=(taken_table(effects), note))
 
@@ -840,8 +839,8 @@ def _by_itself(comparison: Comparison) -> Iterable[Section]:
     if found is not None and found.terms:
         blocks += (
             (
-                "What more than three angles leave over, fitted by every fault at once; those that explain it "
-                f"best stand first. {UNSEEN[:1].upper()}{UNSEEN[1:]}."
+                "More than three angles leave a residual, to which all faults are fitted at once; those that explain "
+                f"it best come first. {UNSEEN[:1].upper()}{UNSEEN[1:]}."
             ),
             fault_table(found.terms),
         )
@@ -851,8 +850,8 @@ def _by_itself(comparison: Comparison) -> Iterable[Section]:
 def _strength(comparison: Comparison) -> Iterable[Section]:
     performance = comparison.performance
     strength = (
-        "By the model, for single pixels of one cycle: quantiles of DoLP by its exact law; how mean and deviation "
-        "of DoLP were found and the error of that by its own estimate; NEDoLP, the deviation of DoLP that unpolarised "
+        "By the model, for single pixels of one cycle: quantiles of DoLP by its exact law; the method for mean and "
+        "deviation of DoLP, with its estimated error; NEDoLP, the deviation of DoLP that unpolarised "
         "light of this intensity would show by temporal noise."
     )
     blocks: tuple[Block, ...] = (strength, strength_table(comparison.predictions, performance))
@@ -876,8 +875,8 @@ def _numbers(comparison: Comparison, measurement: Measurement) -> Iterable[Secti
             (
                 f"Counts and Stokes parameters in {measurement.grid.unit}, dark level taken off. ratio_ANGLE: "
                 f"counts behind an angle over the mean of all. Deviations: {meanings}. Detectable: the smallest "
-                "difference that the test finds with a probability of 90 %. Rows without a verdict are no tests: their "
-                "prediction was made from this very number."
+                "difference that the test finds with a probability of 90 %. Rows without a verdict are not "
+                "tests: their prediction uses the measured number itself."
             ),
         ),
     )
@@ -887,7 +886,7 @@ def _numbers(comparison: Comparison, measurement: Measurement) -> Iterable[Secti
 
 
 def _limits_section(comparison: Comparison) -> Iterable[Section]:
-    yield Section(title="What this does not test", blocks=(comparison.not_tested,))
+    yield Section(title="Not tested here", blocks=(comparison.not_tested,))
     if comparison.remarks:
         yield Section(title="Assumed, overruled, left out", blocks=(comparison.remarks,))
 
@@ -898,21 +897,20 @@ def _calibration(noise: NoiseParameters | None) -> Iterable[Section]:
 
 
 def _sources(comparison: Comparison) -> Iterable[Section]:
-    yield Section(title="Where it comes from", blocks=(source_table(comparison), _MODEL))
+    yield Section(title="Source of the frames", blocks=(source_table(comparison), _MODEL))
     provenance = Verbatim(json.dumps(provenance_json(comparison), indent=2))
     yield Section(title="Provenance in full", blocks=(provenance,), folded=True, printed=False)
 
 
 def light_section(lights: Mapping[str, FieldLight]) -> Section:
-    """Return the section on what the light of regions is made of."""
+    """Return the section on the parts of the light of regions."""
     text = (
         "Radiance at the aperture in W m-2 sr-1 in band, as the model has it: S1 = horizontal - vertical, S2 = (+45) - "
-        "(-45). Reflected light is what is left of it at the camera; path is light that the air before the target adds."
+        "(-45). Reflected light is given as it arrives at the camera; path is light that the air in front of the "
+        "target adds."
     )
-    picture = Picture(
-        png=light_figure(lights), caption="What the light at the aperture is made of; the stroke is the total."
-    )
-    return Section(title="What the light is made of", blocks=(text, share_table(lights), picture))
+    picture = Picture(png=light_figure(lights), caption="Parts of the light at the aperture; the stroke is the total.")
+    return Section(title="Parts of the light", blocks=(text, share_table(lights), picture))
 
 
 def comparison_files(comparison: Comparison) -> dict[str, Content]:
@@ -971,7 +969,7 @@ def source_table(found: Comparison) -> Table[tuple[str, str]]:
     exposures = "not known" if grid.exposures_s is None else ", ".join(f"{1000 * t:g}" for t in grid.exposures_s)
     facts = {
         "run": relative_paths(str(measurement.run.path)),
-        "frames come from": measurement.run.session.origin or "not said",
+        "frames come from": measurement.run.session.origin or "not stated",
         "camera": f"{first.camera_model or 'not known'}, serial number {_serial(first.camera_serial)}",
         "stage": f"{first.stage_model or 'not known'}, serial number {_serial(first.stage_serial)}",
         "polarizer angles, measured [deg]": ", ".join(f"{a:.3f}" for a in np.degrees(grid.polarizer_angles_rad)),

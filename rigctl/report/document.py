@@ -30,7 +30,7 @@ RowT = TypeVar("RowT")
 
 
 class Shown(Flag):
-    """Places where a column stands."""
+    """Places where a column is written."""
 
     PAGE = auto()
     TERMINAL = auto()
@@ -47,25 +47,25 @@ class Column(Generic[RowT]):
 
     title: str = ""  #: Heading for people.
     key: str = ""  #: Name for programs, in CSV and JSON; a column without one is for people only.
-    #: A row to what programs read; the row's attribute `key` where none is given.
+    #: What programs read of a row; by default its attribute `key`.
     value: Callable[[RowT], Value] | None = None
-    #: A row to what people read; the value as it is, nothing where there is none.
+    #: What people read of a row; by default the value, or nothing if it is None.
     text: Callable[[RowT], str] | None = None
-    brief: Callable[[RowT], str] | None = None  #: The same for a terminal, where that differs.
-    csv: Callable[[RowT], str] | None = None  #: The value as CSV has it, where that differs.
-    left: bool = False  #: Set to the left, as text is; numbers are set to the right.
-    wide: bool = False  #: Takes the width that is left on a page, and breaks its lines.
+    brief: Callable[[RowT], str] | None = None  #: The text on a terminal, if it differs.
+    csv: Callable[[RowT], str] | None = None  #: The value in CSV, if it differs.
+    left: bool = False  #: Aligned to the left, as text is; numbers are aligned to the right.
+    wide: bool = False  #: Takes the remaining width of a page, and breaks its lines.
     unbroken: bool = False  #: Keeps each cell in one line of a terminal.
-    group: str = ""  #: Heading over this column and its neighbours of the same group.
-    shown: Shown = Shown.EVERYWHERE  #: Where it stands.
+    group: str = ""  #: Heading above neighbouring columns of the same group.
+    shown: Shown = Shown.EVERYWHERE  #: Where it is written.
 
     def value_of(self, row: RowT) -> Value:
-        """Return what programs read of a row."""
+        """Return the value of a row, for programs."""
         found: Value = getattr(row, self.key) if self.value is None else self.value(row)
         return found
 
     def text_of(self, row: RowT, where: Shown = Shown.PAGE) -> str:
-        """Return what people read of a row."""
+        """Return the text of a row, for people."""
         if where is Shown.TERMINAL and self.brief is not None:
             return self.brief(row)
         if self.text is not None:
@@ -74,7 +74,7 @@ class Column(Generic[RowT]):
         return "" if found is None else str(found)
 
     def of(self, part: Callable[[Any], RowT]) -> Column[Any]:
-        """Return the column for rows that hold what this one is of."""
+        """Return this column for rows of which it describes a part."""
         return replace(
             self,
             value=lambda row: self.value_of(part(row)),
@@ -90,12 +90,12 @@ _BETWEEN_COLUMNS = 2
 
 @dataclass(frozen=True, kw_only=True)
 class Table(Generic[RowT]):
-    """Rows under columns; the writers say how they look."""
+    """Rows and columns."""
 
-    columns: tuple[Column[RowT], ...]  #: In their order, wherever they are written.
-    rows: tuple[RowT, ...]  #: What the columns are taken from.
-    title: str = ""  #: Over it in a terminal; on a page a section has the heading.
-    is_off: Callable[[RowT], bool] = lambda _: False  #: Whether a row is to be seen at once.
+    columns: tuple[Column[RowT], ...]  #: In order.
+    rows: tuple[RowT, ...]  #: One record, tuple or mapping each.
+    title: str = ""  #: Shown on a terminal; on a page the section has a heading.
+    is_off: Callable[[RowT], bool] = lambda _: False  #: Whether a row is highlighted.
 
     def shown(self, where: Shown) -> tuple[Column[RowT], ...]:
         """Return the columns of one place; programs get only those with a key."""
@@ -103,12 +103,12 @@ class Table(Generic[RowT]):
         return tuple(column for column in found if column.key or where not in Shown.PROGRAMS)
 
     def texts(self, where: Shown = Shown.PAGE) -> list[tuple[str, ...]]:
-        """Return the rows as people read them."""
+        """Return the text of every cell, for people."""
         columns = self.shown(where)
         return [tuple(column.text_of(row, where) for column in columns) for row in self.rows]
 
     def groups(self) -> list[tuple[str, int]]:
-        """Return the headings over columns of a page and how many columns each spans; nothing where there are none."""
+        """Return the headings above groups of columns, each with its number of columns; empty without groups."""
         names = [column.group for column in self.shown(Shown.PAGE)]
         return [(name, len(list(same))) for name, same in groupby(names)] if any(names) else []
 
@@ -134,7 +134,7 @@ class Table(Generic[RowT]):
         return optional(backend).DataFrame(columns)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Show the table, or each row as a list of its columns where numbers would have to break."""
+        """Show the table; if numbers would break, one line per cell."""
         columns = self.shown(Shown.TERMINAL)
         rows = [[_NO_NUMBERS.get(text, text) for text in row] for row in self.texts(Shown.TERMINAL)]
         least = [_narrowest(column, [row[k] for row in rows]) for k, column in enumerate(columns)]

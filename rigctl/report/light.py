@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from model.stokes import aolp_rad, dolp
 from rigctl.base.numbers import size
-from rigctl.report.document import Column, Shown, Table
+from rigctl.report.document import Column, Shown, Table, text_columns
 from rigctl.report.drawing import (
     legend_of_all,
     png,
@@ -27,8 +26,8 @@ if TYPE_CHECKING:
 
     from model.scene.field import FieldLight, Source
     from rigctl.console import Json
-    from rigctl.prediction.predict import SceneGeometry, ScenePrediction
-    from rigctl.scene.sky_map import SkyMap, SkyOfKind
+    from rigctl.prediction.predict import ScenePrediction
+    from rigctl.scene.sky_map import SkyMap
 
 
 FloatArray = NDArray[np.float64]
@@ -46,9 +45,9 @@ SCHEMA_VERSION = 1
 
 def light_json(found: ScenePrediction) -> dict[str, Json]:
     """Return geometry and light of a scene as JSON; nothing for a scene of stated radiances."""
-    if found.geometry is None:
+    if not found.geometry:
         return {}
-    return {"geometry": asdict(found.geometry), "light": {name: _light(light) for name, light in found.lights.items()}}
+    return {"geometry": found.geometry, "light": {name: _light(light) for name, light in found.lights.items()}}
 
 
 # Region, name of the part, Stokes vector, and S0 of the total.
@@ -100,13 +99,14 @@ def phi_text(phi_deg: float) -> str:
 def geometry_lines(found: ScenePrediction) -> Iterable[str]:
     """Yield the directions of sun and camera, the irradiances, and how the light varies over the field of view."""
     at = found.geometry
-    if at is None:
+    if not at:
         return
     yield (
-        f"sun: zenith {at.sun_zenith_deg:.2f} deg, azimuth {at.sun_azimuth_deg:.2f} deg; camera: zenith "
-        f"{at.camera_zenith_deg:.2f} deg, azimuth {at.camera_azimuth_deg:.2f} deg; phi {phi_text(at.phi_deg)} deg"
+        f"sun: zenith {at['sun_zenith_deg']:.2f} deg, azimuth {at['sun_azimuth_deg']:.2f} deg; camera: zenith "
+        f"{at['camera_zenith_deg']:.2f} deg, azimuth {at['camera_azimuth_deg']:.2f} deg; phi "
+        f"{phi_text(at['phi_deg'])} deg"
     )
-    yield _irradiance(at)
+    yield _irradiance(at["direct_irradiance"], at["sky_irradiance"])
     for name, light in found.lights.items():
         if len(light.lights) > 1:
             yield f"{name}: {len(light.lights)} tiles of the field of view; light varies by {light.spread:.2%}"
@@ -114,11 +114,8 @@ def geometry_lines(found: ScenePrediction) -> Iterable[str]:
             yield f"{name}: treated as a point, since light varies by only {light.spread:.2%} of S0 over it"
 
 
-def _irradiance(at: SceneGeometry | SkyMap) -> str:
-    return (
-        f"irradiance in band: beam {at.direct_irradiance:.4g} W m-2 on a plane normal to it, sky "
-        f"{at.sky_irradiance:.4g} W m-2 on level ground"
-    )
+def _irradiance(direct: float, sky: float) -> str:
+    return f"irradiance in band: beam {direct:.4g} W m-2 on a plane normal to it, sky {sky:.4g} W m-2 on level ground"
 
 
 def _light(light: FieldLight) -> dict[str, Json]:
@@ -147,7 +144,7 @@ def sky_lines(sky: SkyMap) -> tuple[str, ...]:
     degree, zenith_deg, azimuth_deg = sky.largest_dolp
     return (
         f"sun: zenith {sky.sun_zenith_deg:.2f} deg, azimuth {sky.sun_azimuth_deg:.2f} deg",
-        _irradiance(sky),
+        _irradiance(sky.direct_irradiance, sky.sky_irradiance),
         f"largest DoLP {degree:.3f} at zenith {zenith_deg:.0f} deg, azimuth {azimuth_deg:.0f} deg",
         *sky.remarks,
     )
@@ -176,45 +173,31 @@ def sky_json(sky: SkyMap) -> dict[str, Json]:
     }
 
 
-def kinds_table(found: tuple[SkyOfKind, ...]) -> Table[SkyOfKind]:
-    """Return a row for each kind of aerosol: irradiances, largest DoLP, and differences from the sky of the file."""
-    chosen = found[0]
-    columns: tuple[Column[SkyOfKind], ...] = (
-        Column(title="aerosol", text=lambda one: f"{one.label}{' *' if one.is_chosen else ''}", left=True),
-        Column(title="beam W m-2", text=lambda one: f"{one.sky.direct_irradiance:.1f}"),
-        Column(title="sky W m-2", text=lambda one: f"{one.sky.sky_irradiance:.1f}"),
-        Column(title="largest DoLP", text=lambda one: f"{one.sky.largest_dolp[0]:.3f}"),
-        Column(title="zenith, azimuth deg", text=_place),
-        Column(
-            title="S0 differs, rms",
-            text=lambda one: "-" if one.is_chosen else f"{sky_difference(one.sky, chosen.sky)['s0_rms']:.1%}",
-        ),
-        Column(
-            title="DoLP differs, max",
-            text=lambda one: "-" if one.is_chosen else f"{sky_difference(one.sky, chosen.sky)['largest_dolp']:.3f}",
-        ),
-    )
-    return Table(title=f"{chosen.sky.name}; *: as in the file", columns=columns, rows=found)
+def kinds_table(kinds: Mapping[str, SkyMap]) -> Table[tuple[str, ...]]:
+    """Return a row for each kind of aerosol: irradiances, largest DoLP, and differences from the first, the file's."""
+    chosen = next(iter(kinds.values()))
+    rows = []
+    for label, sky in kinds.items():
+        degree, zenith_deg, azimuth_deg = sky.largest_dolp
+        off = sky_difference(sky, chosen)
+        light = f"{sky.direct_irradiance:.1f}", f"{sky.sky_irradiance:.1f}"
+        place = f"{degree:.3f}", f"{zenith_deg:.0f}, {azimuth_deg:.0f}"
+        differs = ("-", "-") if sky is chosen else (f"{off['s0_rms']:.1%}", f"{off['largest_dolp']:.3f}")
+        rows.append((f"{label}{' *' if sky is chosen else ''}", *light, *place, *differs))
+    titles = ("beam W m-2", "sky W m-2", "largest DoLP", "zenith, azimuth deg", "S0 differs, rms", "DoLP differs, max")
+    columns = text_columns("aerosol", *titles)
+    return Table(title=f"{chosen.name}; *: as in the file", columns=columns, rows=tuple(rows))
 
 
-def _place(one: SkyOfKind) -> str:
-    _, zenith_deg, azimuth_deg = one.sky.largest_dolp
-    return f"{zenith_deg:.0f}, {azimuth_deg:.0f}"
-
-
-def kinds_json(found: tuple[SkyOfKind, ...]) -> dict[str, Json]:
+def kinds_json(kinds: Mapping[str, SkyMap]) -> dict[str, Json]:
     """Return the kinds as JSON."""
+    chosen = next(iter(kinds.values()))
     return {
         "schema_version": SCHEMA_VERSION,
-        "scene": found[0].sky.name,
+        "scene": chosen.name,
         "kinds": [
-            {
-                "aerosol": one.label,
-                "is_chosen": one.is_chosen,
-                "difference": sky_difference(one.sky, found[0].sky),
-                **sky_json(one.sky),
-            }
-            for one in found
+            {"aerosol": label, "is_chosen": sky is chosen, "difference": sky_difference(sky, chosen), **sky_json(sky)}
+            for label, sky in kinds.items()
         ],
     }
 
@@ -251,27 +234,27 @@ def sky_picture(sky: SkyMap, *, title: Sequence[str] = (), beneath: Sequence[str
     return png(figure)
 
 
-def kinds_picture(found: tuple[SkyOfKind, ...]) -> bytes:
+def kinds_picture(kinds: Mapping[str, SkyMap]) -> bytes:
     """Return the degree of polarization of the sky for each kind of aerosol, on one scale."""
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
-    columns = min(len(found), _MOST_COLUMNS)
-    rows = -(-len(found) // columns)
+    chosen = next(iter(kinds.values()))
+    columns = min(len(kinds), _MOST_COLUMNS)
+    rows = -(-len(kinds) // columns)
     figure = Figure(figsize=(3.6 * columns + 1.2, 4.1 * rows + 0.6), layout="constrained")
     grid = figure.subplots(rows, columns, subplot_kw={"projection": "polar"}, squeeze=False).ravel()
-    norm = Normalize(0.0, max(_largest(one.sky.dolp) for one in found))
-    for ax in grid[len(found) :]:
+    norm = Normalize(0.0, max(_largest(sky.dolp) for sky in kinds.values()))
+    for ax in grid[len(kinds) :]:
         ax.set_axis_off()
-    for ax, one in zip(grid, found, strict=False):
-        sky = one.sky
+    for ax, (label, sky) in zip(grid, kinds.items(), strict=False):
         azimuth_rad = np.deg2rad(sky.azimuth_deg)
         shown = ax.pcolormesh(azimuth_rad, sky.zenith_deg, sky.dolp, norm=norm, cmap="magma", shading="gouraud")
         _finish(ax, sky)
-        mark = " (the file)" if one.is_chosen else ""
-        ax.set_title(f"{one.label}{mark}\nlargest DoLP {sky.largest_dolp[0]:.3f}", fontsize=9)
+        mark = " (the file)" if sky is chosen else ""
+        ax.set_title(f"{label}{mark}\nlargest DoLP {sky.largest_dolp[0]:.3f}", fontsize=9)
     figure.colorbar(shown, ax=grid.tolist(), label="DoLP", shrink=0.6)
-    figure.suptitle("\n".join(_title_lines(found[0].sky)[:2]), fontsize=10)
+    figure.suptitle("\n".join(_title_lines(chosen)[:2]), fontsize=10)
     return png(figure)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -77,57 +77,50 @@ _ROWS: tuple[tuple[str, str, float, str | None, str | None], ...] = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class CalibrationRow:
-    """A quantity with its numbers as text, to the digits of their errors."""
-
-    title: str
-    unit: str
-    #: value used by the model, standard error, and number of frames; empty if only the standard has the quantity
-    value: str
-    error: str
-    frames: str
-    emva_value: str  #: the same of EMVA 1288, and its symbol; empty if the standard lacks the quantity
-    emva_error: str
-    emva_frames: str
-    symbol: str
+# A quantity with its numbers as text, to the digits of their errors: `value`, `error` and `frames` of the number that
+# the model uses, `emva_value`, `emva_error`, `emva_frames` and `symbol` of the standard's; empty where it has none.
+Row = dict[str, str]
 
 
-_COLUMNS: tuple[Column[CalibrationRow], ...] = (
-    Column(title="quantity", text=lambda row: row.title, left=True),
-    Column(title="value", text=lambda row: row.value, group=_BEST),
-    Column(title="std error", text=lambda row: row.error, group=_BEST),
-    Column(title="frames", text=lambda row: row.frames, group=_BEST, shown=Shown.PAGE),
-    Column(title="symbol", text=lambda row: row.symbol, group=_STANDARD, shown=Shown.PAGE),
-    Column(title="value", text=lambda row: row.emva_value, group=_STANDARD, shown=Shown.PAGE),
-    Column(title=_STANDARD, text=lambda row: row.emva_value, shown=Shown.TERMINAL),
-    Column(title="std error", text=lambda row: row.emva_error, group=_STANDARD),
-    Column(title="frames", text=lambda row: row.emva_frames, group=_STANDARD, shown=Shown.PAGE),
-    Column(title="unit", text=lambda row: row.unit, left=True),
+def _column(key: str, title: str, *, group: str = "", left: bool = False, shown: Shown = Shown.PEOPLE) -> Column[Row]:
+    return Column(title=title, text=itemgetter(key), group=group, left=left, shown=shown)
+
+
+_QUANTITY, _UNIT = _column("quantity", "quantity", left=True), _column("unit", "unit", left=True)
+_COLUMNS = (
+    _QUANTITY,
+    _column("value", "value", group=_BEST),
+    _column("error", "std error", group=_BEST),
+    _column("frames", "frames", group=_BEST, shown=Shown.PAGE),
+    _column("symbol", "symbol", group=_STANDARD, shown=Shown.PAGE),
+    _column("emva_value", "value", group=_STANDARD, shown=Shown.PAGE),
+    _column("emva_value", _STANDARD, shown=Shown.TERMINAL),
+    _column("emva_error", "std error", group=_STANDARD),
+    _column("emva_frames", "frames", group=_STANDARD, shown=Shown.PAGE),
+    _UNIT,
 )
-_SHEET_COLUMNS: tuple[Column[CalibrationRow], ...] = (
-    Column(title="quantity", text=lambda row: row.title, left=True),
-    Column(title="symbol", text=lambda row: row.symbol, left=True),
-    Column(title="value", text=lambda row: row.emva_value),
-    Column(title="std error", text=lambda row: row.emva_error),
-    Column(title="unit", text=lambda row: row.unit, left=True),
+_SHEET_COLUMNS = (
+    _QUANTITY,
+    _column("symbol", "symbol", left=True),
+    _column("emva_value", "value"),
+    _column("emva_error", "std error"),
+    _UNIT,
 )
 
 
-def calibration_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:
+def calibration_table(rows: list[Row]) -> Table[Row]:
     """Return the known numbers of a calibration, or bounds, next to those of the standard."""
     missing = ("", _NOT_KNOWN, _NOT_DETERMINED)
-    return Table(
-        columns=_COLUMNS, rows=tuple(row for row in rows if row.value not in missing or row.emva_value not in missing)
-    )
+    known = (row for row in rows if row["value"] not in missing or row["emva_value"] not in missing)
+    return Table(columns=_COLUMNS, rows=tuple(known))
 
 
-def sheet_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:
+def sheet_table(rows: list[Row]) -> Table[Row]:
     """Return the numbers of the standard's summary sheet."""
-    return Table(columns=_SHEET_COLUMNS, rows=tuple(row for row in rows if row.symbol))
+    return Table(columns=_SHEET_COLUMNS, rows=tuple(row for row in rows if row["symbol"]))
 
 
-def calibration_rows(noise: NoiseCalibration) -> list[CalibrationRow]:
+def calibration_rows(noise: NoiseCalibration) -> list[Row]:
     """Return the numbers of a calibration."""
     return [_row(noise, *row) for row in _ROWS]
 
@@ -144,9 +137,7 @@ def unknown_lines(noise: NoiseCalibration) -> list[str]:
     return [f"{missing}: {', '.join(words)}: {reason}" for reason, words in titles.items() if words]
 
 
-def _row(
-    noise: NoiseCalibration, title: str, unit: str, factor: float, key: str | None, emva_key: str | None
-) -> CalibrationRow:
+def _row(noise: NoiseCalibration, title: str, unit: str, factor: float, key: str | None, emva_key: str | None) -> Row:
     best = None if key is None else _best(noise, key)
     missing = _NOT_KNOWN if noise.darks else _NOT_DETERMINED
     value, error, frames = ("", "", "") if key is None else _cells(best, factor, missing)
@@ -156,17 +147,10 @@ def _row(
     emva_value, emva_error, emva_frames = ("", "", "") if emva_key is None else _cells(standard, factor, missing)
     if standard is not None and standard.bound is not None:
         emva_value, emva_error = f"{standard.bound} {_brief(factor * standard.value)}", ""
-    return CalibrationRow(
-        title=title,
-        unit=unit,
-        value=value,
-        error=error,
-        frames=frames,
-        emva_value=emva_value,
-        emva_error=emva_error,
-        emva_frames=emva_frames,
-        symbol="" if emva_key is None or standard is None else EMVA_SYMBOLS[emva_key],
-    )
+    symbol = "" if emva_key is None or standard is None else EMVA_SYMBOLS[emva_key]
+    best_cells = {"value": value, "error": error, "frames": frames}
+    emva_cells = {"emva_value": emva_value, "emva_error": emva_error, "emva_frames": emva_frames, "symbol": symbol}
+    return {"quantity": title, "unit": unit, **best_cells, **emva_cells}
 
 
 def _best(noise: NoiseCalibration, key: str) -> Estimate | None:

@@ -288,8 +288,8 @@ _CONVENTION = (
     "polarizer angle = sense · stage angle + offset, counter-clockwise as the camera sees the scene. For the rig file:"
 )
 _SCANS = (
-    "Light against the angle of what turned, with Malus' law fitted to it; below, what the law leaves, in per cent of "
-    "the mean."
+    "Light against the angle of the turned element, with Malus' law fitted to it; below, the residual of the law in "
+    "per cent of the mean."
 )
 _HARMONICS = (
     "Amplitude by cycles a turn, each over the mean: of noise alone it is above the mark once in a thousand. One, "
@@ -317,7 +317,7 @@ def polarizer_report(
         sections=[
             Section(title="Axis and extinction", blocks=axis),
             Section(title="Scans", blocks=(Picture(png=curves_png(found), caption=_SCANS),)),
-            Section(title="What Malus' law leaves", blocks=tuple(_left(found))),
+            Section(title="Residual of Malus' law", blocks=tuple(_left(found))),
             *_channels_section(found),
             *_reduction(found.reduction),
             *([Section(title="Regions", blocks=(region_table(regions),))] if regions else []),

@@ -1,4 +1,7 @@
-"""A prediction as people and programs read it: numbers of regions, their errors by inputs, laws and counts."""
+"""A prediction as people and programs read it: numbers of regions, their errors by inputs, laws and counts.
+
+In JSON ``regions.NAME.QUANTITY.STATISTIC`` is a number, in a prediction and in a measurement.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,8 @@ from numpy.typing import NDArray
 
 from model.processing.reconstruction import aolp_is_defined
 from model.quantities import ORDERED
-from rigctl.base.numbers import NO_NUMBER, NOTHING, plus_minus, size, to_digits
+from rigctl.base.numbers import NO_NUMBER, NOTHING, finite, plus_minus, size, to_digits
+from rigctl.prediction.predict import NO_NOISE, STATED_RATES
 from rigctl.report.document import Column, Table, text_columns
 from rigctl.report.drawing import (
     LINE_STYLES,
@@ -25,11 +29,21 @@ from rigctl.report.drawing import (
 
 if TYPE_CHECKING:
     from model.accuracy.predict import Predicted
-    from model.prediction import PairDetection, RegionPrediction
+    from model.prediction import PairDetection, PolarizationStrength, RegionPrediction
     from rigctl.console import Json
     from rigctl.files.choices import SnrKind
     from rigctl.prediction.predict import Performance, PredictedUncertainty
 
+
+SCHEMA_VERSION = 1
+
+STATISTICS = {
+    "mean": "mean over the region's pixels (of dolp, s1n, s2n and aolp_deg: of the region's mean Stokes vector)",
+    "std": "standard deviation over pixels, spatial, of one frame or cycle (s1n, s2n, dolp, aolp_deg: first order)",
+    "std_temporal": "standard deviation of a pixel from repeat to repeat",
+    "std_spatial_mean": "standard deviation over pixels, spatial, of the mean of all repeats",
+    "first_order": "the same to first order, as in [MK14]; shown, not compared",
+}
 
 _STATISTICS = ("mean", "std", "std_temporal", "std_spatial_mean")
 Statistics = Mapping[str, float]
@@ -45,6 +59,47 @@ _IN_FOUR_DIGITS, _OF_MEANS, _WHOLE = 5e-4, 1e-6, 1e4
 _PAIRS, _WORTH_A_LINE = 6, 0.1
 # Of as many inputs as make the uncertainty; the rest is in the JSON.
 _SHOWN = 6
+
+
+def prediction_json(
+    predictions: Mapping[str, RegionPrediction], performance: Performance, *, remarks: Iterable[str]
+) -> dict[str, Json]:
+    """Return predictions and their accuracy as JSON."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "statistics": STATISTICS,
+        "regions": {name: prediction.quantities for name, prediction in predictions.items()},
+        "methods": {
+            name: {"dolp": prediction.dolp_method, "dolp_error": finite(prediction.dolp_error)}
+            for name, prediction in predictions.items()
+        },
+        "dolp_law": {name: _strength(strength) for name, strength in performance.strengths.items()},
+        "detection": [_pair(pair) for pair in performance.detections],
+        "warnings": {name: list(prediction.warnings) for name, prediction in predictions.items()},
+        "remarks": list(remarks),
+    }
+
+
+def _strength(found: PolarizationStrength | None) -> dict[str, Json] | None:
+    """Return quantiles of a region's DoLP; nothing without light."""
+    if found is None:
+        return None
+    quantiles = {f"{p:g}": float(q) for p, q in zip(found.probabilities, found.quantiles, strict=True)}
+    numbers: dict[str, Json] = {"quantiles": quantiles, "nedolp": found.nedolp}
+    if found.nedolp is None:
+        numbers["nedolp_reason"] = NO_NOISE
+    return numbers | {"unpolarised_mean": finite(found.unpolarised_mean)}
+
+
+def _pair(pair: PairDetection) -> dict[str, Json]:
+    rates = zip(pair.p_false_alarm, pair.p_detection, strict=True)
+    return {
+        "target": pair.target,
+        "background": pair.background,
+        "p_detection": {f"{rate:g}": finite(float(found)) for rate, found in rates},
+        "auc": finite(pair.auc),
+        "warnings": list(pair.warnings),
+    }
 
 
 def quantity_tables(regions: Mapping[str, Mapping[str, Statistics]], *, snr: SnrKind = "exact") -> Iterable[Table[Any]]:
@@ -113,8 +168,6 @@ def strength_table(predictions: Mapping[str, RegionPrediction], performance: Per
 
 def detection_table(performance: Performance) -> Table[PairDetection]:
     """Return the probability of detection of every pair of regions."""
-    from rigctl.prediction.predict import STATED_RATES
-
     columns: tuple[Column[PairDetection], ...] = (
         Column(title="target", text=lambda pair: pair.target, left=True),
         Column(title="background", text=lambda pair: pair.background, left=True),

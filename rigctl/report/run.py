@@ -16,7 +16,7 @@ from rigctl.files.session_file import PICTURE
 from rigctl.report.comparison import fault_table
 from rigctl.report.document import Column, Picture, Report, Section, Table, text_columns
 from rigctl.report.drawing import legend_beside, png, subplots
-from rigctl.report.numbers import annotation_sections
+from rigctl.report.measurement import annotation_sections
 from rigctl.runs.records import (
     READINGS_EVENT,
     event_facts,
@@ -230,7 +230,7 @@ def _simulation(session: SessionRecord) -> Iterable[Section]:
     light = session.simulated_light
     said = [] if light is None else [*(f"{text[0].upper()}{text[1:]}." for text in light.caution), *light.remarks]
     said += [f"It does not test {text}." for text in NOT_OF_SIMULATION]
-    yield Section(title="What this simulated run can prove", blocks=(tuple(said),))
+    yield Section(title="Limits of a simulated run", blocks=(tuple(said),))
 
 
 def _faults(session: SessionRecord, found: RunDiagnosis) -> Section:
@@ -263,7 +263,7 @@ def _monitors(session: SessionHistory) -> Iterable[Section]:
     lines += [] if session.cycles is None else [f"{text}." for text in light_lines(session.cycles, session.monitors)]
     read = [trace for trace in session.monitors if trace.values]
     pictures = (Picture(png=monitor_figure(read)),) if read else ()
-    yield Section(title="Beside the frames", blocks=(tuple(lines), *pictures))
+    yield Section(title="Monitors", blocks=(tuple(lines), *pictures))
 
 
 def _source(session: SessionHistory) -> str:

@@ -31,9 +31,7 @@ from rigctl.report.drawing import (
     png,
     subplots,
 )
-from rigctl.report.numbers import (
-    SCHEMA_VERSION,
-)
+from rigctl.report.prediction import SCHEMA_VERSION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -241,7 +239,7 @@ def series_report(series: ComparedSeries) -> Report:
             *_figures(comparisons),
             Section(title="All runs", blocks=(mean_table(comparisons),)),
             *_drift_sections(series),
-            Section(title="What this does not test", blocks=(_not_tested(comparisons),)),
+            Section(title="Not tested here", blocks=(_not_tested(comparisons),)),
             Section(
                 title="Provenance in full",
                 blocks=(

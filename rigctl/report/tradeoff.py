@@ -439,15 +439,8 @@ def _by_way(points: Iterable[SessionPoint]) -> Iterable[list[SessionPoint]]:
 
 
 def _session_json(session: Session) -> dict[str, Json]:
-    return {
-        "angles_deg": [float(math.degrees(angle)) for angle in session.angles_rad],
-        "order": session.pattern,
-        "exposure_ms": session.exposure_s * 1000,
-        "settle_ms": session.settle_s * 1000,
-        "cycles": session.cycles,
-        "frames": session.frames,
-        "duration_s": session.duration_s,
-    }
+    (numbers,) = Table(columns=_SESSION_COLUMNS, rows=(session,)).json()
+    return {**numbers, "angles_deg": [float(math.degrees(angle)) for angle in session.angles_rad]}
 
 
 def _reached_json(way: Session, reached: Reached) -> dict[str, Json]:

@@ -18,7 +18,7 @@ from rigctl.files.place import SiteSection
 from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer
 from rigctl.files.scene_file import SceneFile, SunSection
 from rigctl.runs.records import SimulatedLight
-from rigctl.scene.light import SceneLight, build_scenario, readout_of, sun_text
+from rigctl.scene.light import SceneLight, build_scenario, sun_text
 from rigctl.scene.scene import Scene, get, parameters, scene_of_file, with_value
 from rigctl.scene.sun import sun_position
 from sim_devices.world import RegionLight
@@ -177,7 +177,7 @@ class LitRoof:
 
     def _computed(self, number: int | None) -> dict[str, RegionLight]:
         scene = self._scene(None if number is None else number * _NODE_NS)
-        scenario = build_scenario(scene, readout=readout_of(scene), exposure_s=scene.exposure_s, light=self._light)
+        scenario = build_scenario(scene, light=self._light)
         return {region.name: _painted(region) for region in scenario.regions}
 
     def _scene(self, utc_ns: int | None) -> Scene:

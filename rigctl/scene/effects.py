@@ -12,7 +12,7 @@ from model.accuracy.predict import SMALLEST
 from model.effects.names import Effect, EffectPlan, EffectRule
 from model.effects.planner import EFFECTS, plan, plan_of_all
 from rigctl.errors import as_config_error
-from rigctl.scene.light import SceneLight, lit_scene, readout_of, sensor_of, settings_of
+from rigctl.scene.light import SceneLight, lit_scene, settings_of
 from rigctl.scene.scene import forced_effects
 
 if TYPE_CHECKING:
@@ -104,8 +104,7 @@ def plan_effects(
 ) -> PlannedScene:
     """Return the effects that a scene needs at a tolerance, half of which is for omitted effects."""
     settings = settings_of(scene)
-    sensor = sensor_of(scene, scene.exposure_s if exposure_s is None else exposure_s)
-    lit = lit_scene(scene, sensor=sensor, readout=readout_of(scene) if readout is None else readout)
+    lit = lit_scene(scene, readout=readout, exposure_s=exposure_s)
     with as_config_error(f"scene {scene.name}"):
         found = plan(
             lit,

@@ -1,17 +1,16 @@
 """The light of a scene: its record, in the units of the file, is converted to records of the model.
 
-`lit_scene` and `build_scenario` give the inputs of a prediction; `SceneLight` computes and caches the light of
-materials. Solved skies are stored in the user's cache folder (`SkyStore`), each under a hash of all inputs and of the
-solver's source. A user's own sky is a numpy archive (`read_sky_table`).
+`lit_scene` and `build_scenario` give the inputs of a prediction. `SceneLight` computes the light of materials and keeps
+it. `SkyStore` keeps solved skies between runs in the user's cache folder, each under a hash of all inputs and of the
+solver's source. `read_sky_table` reads a user's own sky from a numpy archive.
 """
 
 import contextlib
 import hashlib
 import importlib.util
 import io
-import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import fields, is_dataclass, replace
 from enum import Enum
 from functools import cache, cached_property
@@ -68,102 +67,6 @@ def require_engine(engine: Engine, *, tier: Fidelity | None = None) -> None:
         )
 
 
-# Records of numbers as bytes
-
-
-_CONTENT = "content"
-
-
-class NotStorableError(Exception):
-    """A record holds a value that cannot be stored."""
-
-
-def fingerprint(value: object) -> str:
-    """Return a hash of the numbers and structure of a record."""
-    writer = _Writer()
-    root = writer.tree(value)
-    digest = hashlib.sha256(json.dumps([root, writer.records]).encode())
-    for array in writer.arrays:
-        digest.update(f"{array.dtype.str}{array.shape}".encode() + np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
-
-
-def encode(value: object) -> bytes:
-    """Return a record as bytes; an object that occurs several times is written once."""
-    writer = _Writer()
-    content = json.dumps({"root": writer.tree(value), "records": writer.records}).encode()
-    buffer = io.BytesIO()
-    arrays = {f"a{k}": array for k, array in enumerate(writer.arrays)}
-    np.savez(buffer, allow_pickle=False, **{_CONTENT: np.frombuffer(content, dtype=np.uint8)}, **arrays)
-    return buffer.getvalue()
-
-
-def decode(data: bytes, kinds: Mapping[str, type]) -> Any:
-    """Return the record that the bytes hold."""
-    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-        content = json.loads(archive[_CONTENT].tobytes())
-        arrays = {name: archive[name] for name in archive.files if name != _CONTENT}
-    made: list[Any] = []
-    for kind, parts in content["records"]:
-        made.append(kinds[kind](**{name: _decoded(part, made, arrays) for name, part in parts.items()}))
-    return _decoded(content["root"], made, arrays)
-
-
-class _Writer:
-    """Writes a record as JSON and arrays; repeated records and arrays become references."""
-
-    def __init__(self) -> None:
-        self.records: list[Any] = []
-        self.arrays: list[NDArray[Any]] = []
-        self._known: dict[int, Any] = {}
-        self._alive: list[object] = []
-
-    def tree(self, value: object) -> Any:
-        """Return a value as JSON."""
-        if isinstance(value, Enum):
-            return self.tree(value.value)
-        if isinstance(value, np.generic):
-            return self.tree(value.item())
-        if isinstance(value, bool | int | float | str) or value is None:
-            return value
-        if isinstance(value, tuple | list):
-            return {"tuple": [self.tree(item) for item in value]}
-        if isinstance(value, dict):
-            return {"mapping": {str(name): self.tree(item) for name, item in sorted(value.items())}}
-        if isinstance(value, range):
-            return {"range": [value.start, value.stop, value.step]}
-        return self._referred(value)
-
-    def _referred(self, value: object) -> Any:
-        if id(value) in self._known:
-            return self._known[id(value)]
-        if isinstance(value, np.ndarray):
-            reference: dict[str, Any] = {"array": f"a{len(self.arrays)}"}
-            self.arrays.append(value)
-        elif is_dataclass(value) and not isinstance(value, type):
-            parts = {field.name: self.tree(getattr(value, field.name)) for field in fields(value) if field.init}
-            reference = {"record": len(self.records)}
-            self.records.append([type(value).__name__, parts])
-        else:
-            raise NotStorableError(type(value).__name__)
-        self._alive.append(value)  # keeps the object alive, so that its id stays unique
-        self._known[id(value)] = reference
-        return reference
-
-
-def _decoded(tree: Any, made: list[Any], arrays: Mapping[str, NDArray[Any]]) -> Any:
-    if not isinstance(tree, dict):
-        return tree
-    ((kind, content),) = tree.items()
-    if kind == "tuple":
-        return tuple(_decoded(item, made, arrays) for item in content)
-    if kind == "mapping":
-        return {name: _decoded(item, made, arrays) for name, item in content.items()}
-    if kind == "range":
-        return range(*content)
-    return arrays[content] if kind == "array" else made[content]
-
-
 # A user's own sky
 
 
@@ -217,8 +120,8 @@ def read_sky_table(path: Path, *, sun_zenith_rad: float) -> TableLighting:
 # Skies kept between runs
 
 
-_MAGIC = b"rigctl sky 1 sha256 "
-_KINDS: dict[str, type] = {kind.__name__: kind for kind in (Solution, ModeBlock, Layer, ScatteringMatrix)}
+_MAGIC = b"rigctl sky 2 sha256 "
+_LAYER_NUMBERS = ("tau_rayleigh", "tau_aerosol", "ssa_aerosol", "g_aerosol", "delta", "forward_share")
 # Room for eighty sun positions in four wavelengths, at some 1.5 MB per wavelength.
 LIMIT_BYTES = 500_000_000
 
@@ -237,10 +140,8 @@ class SkyStore:
     own checksum is computed again.
     """
 
-    def __init__(self, folder: Path, *, solver: Solver = solve, limit_bytes: int = LIMIT_BYTES) -> None:
-        self._folder, self._solver, self._limit_bytes = folder, solver, limit_bytes
-        self.taken = 0
-        self.computed = 0
+    def __init__(self, folder: Path, *, solver: Solver | None = None, limit_bytes: int = LIMIT_BYTES) -> None:
+        self._folder, self._solver, self._limit_bytes = folder, solver or solve, limit_bytes
         self.remarks: list[str] = []
 
     def __call__(self, layers: tuple[Layer, ...], **settings: Any) -> Solution:
@@ -249,16 +150,10 @@ class SkyStore:
         key = hashlib.sha256((_code_hash() + fingerprint((layers, settings))).encode()).hexdigest()
         path = self._folder / f"{key}.sky"
         kept = self._read(path)
-        if kept is not None:
-            self.taken += 1
-            return kept
-        solution = self._compute(layers, settings)
-        self._write(path, solution)
-        return solution
-
-    def _compute(self, layers: tuple[Layer, ...], settings: dict[str, Any]) -> Solution:
-        self.computed += 1
-        return self._solver(layers, **settings)
+        if kept is None:
+            kept = self._solver(layers, **settings)
+            self._write(path, kept)
+        return kept
 
     def _read(self, path: Path) -> Solution | None:
         try:
@@ -278,15 +173,13 @@ class SkyStore:
 
     def _write(self, path: Path, solution: Solution) -> None:
         try:
-            body = encode(solution)
+            body = _encoded(solution)
             self._folder.mkdir(parents=True, exist_ok=True)
             part = path.with_name(f"{path.name}.{os.getpid()}.part")
             # Not flushed: an entry damaged by a power cut fails its checksum.
             part.write_bytes(_MAGIC + hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
             part.replace(path)
             self._make_room()
-        except NotStorableError as what:
-            self.remarks.append(f"computed skies: {what} in a solution cannot be stored")
         except OSError as error:
             self.remarks.append(f"computed skies: {self._folder} cannot be written ({error.strerror})")
 
@@ -328,16 +221,78 @@ def sources_of(folder: Traversable, prefix: str = "") -> dict[str, Traversable]:
     return found
 
 
+def fingerprint(value: object) -> str:
+    """Return a hash of the numbers and the structure of a record."""
+    digest = hashlib.sha256()
+
+    def feed(one: Any) -> None:
+        if isinstance(one, np.ndarray):
+            digest.update(f"{one.dtype.str}{one.shape}".encode() + np.ascontiguousarray(one).tobytes())
+        elif is_dataclass(one):
+            feed((type(one).__name__, *(getattr(one, field.name) for field in fields(one) if field.init)))
+        elif isinstance(one, dict):
+            feed(tuple(sorted(one.items())))
+        elif isinstance(one, tuple):
+            digest.update(f"{len(one)}:".encode())
+            for part in one:
+                feed(part)
+        else:
+            plain = one.value if isinstance(one, Enum) else one.item() if isinstance(one, np.generic) else one
+            digest.update(f"{plain!r},".encode())
+
+    feed(value)
+    return digest.hexdigest()
+
+
+def _encoded(sky: Solution) -> bytes:
+    """Return a solution as the bytes of a numpy archive; a scattering matrix that layers share is written once."""
+    matrices = {id(layer.matrix): layer.matrix for layer in sky.layers if layer.matrix is not None}
+    places = {None: -1} | {matrix: k for k, matrix in enumerate(matrices.values())}
+    arrays: dict[str, Any] = {
+        "numbers": [sky.mu0, sky.ground_radiance, sky.diffuse_irradiance, sky.orders, sky.converged],
+        "edges": sky.edges,
+        "layers": [[getattr(layer, name) for name in _LAYER_NUMBERS] for layer in sky.layers],
+        "matrix_of_layer": [places[layer.matrix] for layer in sky.layers],
+        "matrix_errors": [matrix.error_estimate for matrix in matrices.values()],
+        "modes": [(block.modes.start, block.modes.stop, block.modes.step) for block in sky.blocks],
+    }
+    arrays |= {f"matrix_{k}": matrix.coefficients for k, matrix in enumerate(matrices.values())}
+    arrays |= {f"block_{k}": block.expansion for k, block in enumerate(sky.blocks)}
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    return buffer.getvalue()
+
+
 def _checked(data: bytes) -> Solution | None:
-    """Solution of an entry, or None if it is incomplete."""
+    """Return the solution of an entry; None if it is damaged."""
     head, _, body = data.partition(b"\n")
     if head != _MAGIC + hashlib.sha256(body).hexdigest().encode():
         return None
     try:
-        found = decode(body, _KINDS)
-    except (KeyError, IndexError, TypeError, ValueError, OSError):
+        with np.load(io.BytesIO(body), allow_pickle=False) as archive:
+            mu0, ground, irradiance, orders, converged = archive["numbers"].tolist()
+            matrices = [
+                ScatteringMatrix(coefficients=archive[f"matrix_{k}"], error_estimate=error)
+                for k, error in enumerate(archive["matrix_errors"].tolist())
+            ]
+            return Solution(
+                layers=tuple(
+                    Layer(**dict(zip(_LAYER_NUMBERS, numbers, strict=True)), matrix=None if k < 0 else matrices[k])
+                    for numbers, k in zip(archive["layers"].tolist(), archive["matrix_of_layer"].tolist(), strict=True)
+                ),
+                mu0=mu0,
+                edges=archive["edges"],
+                blocks=tuple(
+                    ModeBlock(modes=range(*modes), expansion=archive[f"block_{k}"])
+                    for k, modes in enumerate(archive["modes"].tolist())
+                ),
+                ground_radiance=ground,
+                diffuse_irradiance=irradiance,
+                orders=int(orders),
+                converged=bool(converged),
+            )
+    except (KeyError, TypeError, ValueError, OSError):
         return None
-    return found if isinstance(found, Solution) else None
 
 
 # The scene as records of the model
@@ -348,14 +303,14 @@ _ANY_AZIMUTH_DEG = 180.0
 _M_PER_DU, _PA_PER_HPA = 1e-5, 100.0
 
 
-def wavelength_m(scene: "Scene") -> float:
+def wavelength_m(scene: Scene) -> float:
     """Return the effective wavelength of a scene's sensor [m]."""
     if scene.sensor.wavelength_nm is None:
         raise ConfigError(f"scene {scene.name}: the sensor needs wavelength_nm or a band")
     return scene.sensor.wavelength_nm.value * 1e-9
 
 
-def air_of(scene: "Scene") -> Air:
+def air_of(scene: Scene) -> Air:
     """Return the inputs of the light of sun and sky."""
     given, sun = scene.atmosphere, scene.sun
     if given is None or sun is None or not scene.sensor.has_band:
@@ -385,7 +340,7 @@ def state_of(air: "AtmosphereSection") -> AtmosphereState | None:
     return None if air.tier is Fidelity.TABLE else _state(air, lower=air.lower, upper=air.upper)
 
 
-def camera_view(scene: "Scene") -> View:
+def camera_view(scene: Scene) -> View:
     """Return where the camera stands."""
     given = scene.geometry
     if given is None:
@@ -402,13 +357,13 @@ def camera_view(scene: "Scene") -> View:
     )
 
 
-def sun_azimuth_rad(scene: "Scene") -> float:
+def sun_azimuth_rad(scene: Scene) -> float:
     """Return the azimuth of the sun [rad]; south where the scene file states none."""
     stated = None if scene.sun is None else scene.sun.azimuth_deg
     return float(np.deg2rad(_ANY_AZIMUTH_DEG if stated is None else stated.value))
 
 
-def settings_of(scene: "Scene") -> Settings:
+def settings_of(scene: Scene) -> Settings:
     """Return the numerical settings in a scene file, for use without a tolerance."""
     air, field = scene.atmosphere, scene.field_of_view
     settings = settings_of_fidelity(
@@ -419,7 +374,7 @@ def settings_of(scene: "Scene") -> Settings:
     return replace(settings, tiles_per_side=field.tiles_per_side, tile_rule=field.rule)
 
 
-def lit_region(scene: "Scene", region: "SceneRegionRecord") -> LitRegion:
+def lit_region(scene: Scene, region: "SceneRegionRecord") -> LitRegion:
     """Return one region of a scene."""
     given = region.given
     covariance, texture_rms = _texture_covariance(region), given.texture_rms.value
@@ -444,7 +399,7 @@ def lit_region(scene: "Scene", region: "SceneRegionRecord") -> LitRegion:
         raise ConfigError(f"scene {scene.name}, region {region.name}: {error}") from error
 
 
-def field_part(scene: "Scene", region: "SceneRegionRecord") -> FieldPart | None:
+def field_part(scene: Scene, region: "SceneRegionRecord") -> FieldPart | None:
     """Return the part of the field of view that a region fills; None for a point on the axis."""
     field, extent = scene.field_of_view, region.given.extent
     if extent == "point" or field is None:
@@ -455,7 +410,7 @@ def field_part(scene: "Scene", region: "SceneRegionRecord") -> FieldPart | None:
     return _picture_part(scene, region, field)
 
 
-def _picture_part(scene: "Scene", region: "SceneRegionRecord", field: "FieldSection") -> FieldPart:
+def _picture_part(scene: Scene, region: "SceneRegionRecord", field: "FieldSection") -> FieldPart:
     if field.focal_length_mm is None or field.width_pixels is None or field.height_pixels is None:
         raise ConfigError(
             f'scene {scene.name}, region {region.name}: extent = "rectangle" needs [field_of_view] by '
@@ -573,7 +528,7 @@ class SceneLight:
 
         return LightStore(solver=solve_and_report)
 
-    def illumination(self, scene: "Scene") -> "Illumination":
+    def illumination(self, scene: Scene) -> "Illumination":
         """Return sun, sky and air of a scene."""
         with as_config_error(f"scene {scene.name}"):
             return self.lights.illumination(
@@ -583,7 +538,7 @@ class SceneLight:
                 parts=_parts(scene),
             )
 
-    def region(self, scene: "Scene", region: "SceneRegionRecord", settings: "Settings | None" = None) -> "FieldLight":
+    def region(self, scene: Scene, region: "SceneRegionRecord", settings: "Settings | None" = None) -> "FieldLight":
         """Return the light of a region with a material."""
         from model.accuracy.chain import LightRequest
 
@@ -598,7 +553,7 @@ class SceneLight:
             )
             return self.lights.light(request)
 
-    def remarks(self, scene: "Scene") -> tuple[str, ...]:
+    def remarks(self, scene: Scene) -> tuple[str, ...]:
         """Return depth, accuracy and largest uncertainty of the atmosphere, in words."""
         if scene.atmosphere is None or scene.sun is None or not scene.sensor.has_band:
             return ()
@@ -606,7 +561,7 @@ class SceneLight:
         return (*_of_atmosphere(scene.atmosphere), *by_engine, *self._solved.remarks)
 
 
-def _parts(scene: "Scene") -> "LightParts":
+def _parts(scene: Scene) -> "LightParts":
     from model.effects.planner import acting_parts
 
     return acting_parts(acting_effects(scene))
@@ -644,18 +599,17 @@ def _alternative(air: "AtmosphereSection") -> str:
 
 
 def build_scenario(
-    scene: "Scene",
+    scene: Scene,
     *,
-    readout: Readout,
-    exposure_s: float,
+    readout: Readout | None = None,
+    exposure_s: float | None = None,
     light: SceneLight | None = None,
     source: "Source" = "total",
     settings: "Settings | None" = None,
 ) -> Scenario:
-    """Return the scenario of a scene."""
+    """Return the scenario of a scene; readout, exposure and settings are those of the file unless given."""
     used = settings_of(scene) if settings is None else settings
-    sensor = sensor_of(scene, exposure_s)
-    lit = lit_scene(scene, sensor=sensor, readout=readout, source=source)
+    lit = lit_scene(scene, readout=readout, exposure_s=exposure_s, source=source)
     effects = acting_effects(scene)
     if not scene.has_materials:
         return scenario_of(lit, used, effects=effects)
@@ -664,16 +618,19 @@ def build_scenario(
         return scenario_of(lit, used, effects=effects, store=computer.lights)
 
 
-def lit_scene(scene: "Scene", *, sensor: Sensor, readout: Readout, source: "Source" = "total") -> LitScene:
-    """Return a scene as one record of the model."""
+def lit_scene(
+    scene: Scene, *, readout: Readout | None = None, exposure_s: float | None = None, source: "Source" = "total"
+) -> LitScene:
+    """Return a scene as one record of the model; readout and exposure are those of the file unless given."""
     with as_config_error(f"scene {scene.name}"):
         lit = scene.has_materials
+        readout = readout_of(scene) if readout is None else readout
         return LitScene(
             air=air_of(scene) if lit else None,
             view=camera_view(scene) if lit else None,
             sun_azimuth_rad=sun_azimuth_rad(scene),
             regions=tuple(lit_region(scene, region) for region in scene.regions),
-            sensor=sensor,
+            sensor=sensor_of(scene, scene.exposure_s if exposure_s is None else exposure_s),
             readout=readout,
             source=source,
             pairs=tuple(permutations((region.name for region in scene.regions), 2)),
@@ -681,7 +638,7 @@ def lit_scene(scene: "Scene", *, sensor: Sensor, readout: Readout, source: "Sour
         )
 
 
-def readout_of(scene: "Scene") -> Readout:
+def readout_of(scene: Scene) -> Readout:
     """Return angles and cycles of the scene file, for a prediction without a run."""
     angles_deg = sorted(angle % 180.0 for angle in scene.acquisition.angles_deg)
     return Readout(
@@ -692,7 +649,7 @@ def readout_of(scene: "Scene") -> Readout:
     )
 
 
-def sensor_of(scene: "Scene", exposure_s: float) -> Sensor:
+def sensor_of(scene: Scene, exposure_s: float) -> Sensor:
     """Return the sensor of a scene at an exposure [s]."""
     given = scene.sensor
     along = given.polarizer_transmittance.value
@@ -711,7 +668,7 @@ def sensor_of(scene: "Scene", exposure_s: float) -> Sensor:
     )
 
 
-def imperfections_of(scene: "Scene", *, frames: int) -> Imperfections:
+def imperfections_of(scene: Scene, *, frames: int) -> Imperfections:
     """Return the imperfections of the session; angles are in order of time in the file, ascending in the readout."""
     errors = scene.errors
     angles_deg = np.mod(scene.acquisition.angles_deg, 180.0)

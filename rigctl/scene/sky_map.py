@@ -50,15 +50,6 @@ class SkyMap:
         return float(self.dolp[place]), float(self.zenith_deg[place[0]]), float(self.azimuth_deg[place[1]])
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SkyOfKind:
-    """The sky with one kind of aerosol."""
-
-    label: str  #: The aerosol, in words.
-    is_chosen: bool  #: True for the aerosol of the scene file.
-    sky: SkyMap  #: Its sky.
-
-
 def sky_map(scene: Scene, *, engine: Engine = "own", tell: Callable[[float], None] | None = None) -> SkyMap:
     """Return the sky of a scene."""
     missing = [f"[{name}]" for name in ("sun", "atmosphere") if getattr(scene, name) is None]
@@ -87,14 +78,14 @@ def _map(name: str, illumination: Illumination, *, remarks: tuple[str, ...]) -> 
     )
 
 
-def skies_of_kinds(scene: Scene, *, engine: Engine = "own") -> Iterator[SkyOfKind]:
-    """Yield the sky of a scene for each kind of aerosol at the file's depth at 550 nm, the file's kind first."""
+def skies_of_kinds(scene: Scene, *, engine: Engine = "own") -> Iterator[tuple[str, SkyMap]]:
+    """Yield each kind of aerosol in words with its sky at the file's depth at 550 nm, the file's kind first."""
     own = scene.atmosphere
     if own is None or own.tier is Fidelity.TABLE:
         raise ConfigError(f"--compare-aerosols: {scene.name} has no computed atmosphere; a table has a single sky")
     for label, air in _kinds(own):
         changed = replace(scene, atmosphere=air.model_copy(update={"alternative": None}))
-        yield SkyOfKind(label=label, is_chosen=air is own, sky=sky_map(changed, engine=engine))
+        yield label, sky_map(changed, engine=engine)
 
 
 def _kinds(own: AtmosphereSection) -> Iterable[tuple[str, AtmosphereSection]]:

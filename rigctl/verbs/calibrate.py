@@ -559,8 +559,7 @@ def radiometric(
     """
     from rigctl.calibrations.record import write_content
     from rigctl.comparison.scale import panel_response
-    from rigctl.measure.calibrations import calibrations_of_run
-    from rigctl.measure.frames import CalibrationPaths
+    from rigctl.measure.frames import CalibrationPaths, calibrations_of_run
     from rigctl.measure.measure import measure
     from rigctl.runs.check import run_to_measure
     from rigctl.scene.scene import scene_of_file

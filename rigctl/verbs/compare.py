@@ -335,8 +335,8 @@ def read_scene_run(
     run: Path, scene: ScenePath | None, regions: RegionsPath | None, options: ScaledOptions
 ) -> "tuple[MeasuredRun, Scene | None]":
     """Measure a run in the regions of a scene or regions file; return it, and the scene with its noise."""
-    from rigctl.measure.calibrations import calibrations_of_run
     from rigctl.measure.diagnose import MEASURED_WITH, measure_run
+    from rigctl.measure.frames import calibrations_of_run
     from rigctl.runs.check import run_to_measure
     from rigctl.scene.scene import scene_of_file
 

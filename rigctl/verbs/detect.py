@@ -74,8 +74,7 @@ def detect(
 
     from rigctl.comparison import detect as rx_detection
     from rigctl.comparison.predict_run import run_predictor
-    from rigctl.measure.calibrations import calibrations_of_run
-    from rigctl.measure.frames import CalibrationPaths
+    from rigctl.measure.frames import CalibrationPaths, calibrations_of_run
     from rigctl.measure.measure import measure, signal_of_cycle
     from rigctl.runs.check import run_to_measure
     from rigctl.scene.scene import scene_of_file

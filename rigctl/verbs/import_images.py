@@ -118,7 +118,7 @@ class ImportedRun(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return the files of the frames, remarks and faults."""
-        from rigctl.report.numbers import diagnosis_json
+        from rigctl.report.measurement import diagnosis_json
 
         return {
             "run": str(self.run),

@@ -23,13 +23,12 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import load_scene
 from rigctl.mapped import Engine, Outcome, code_version, held_folder, mapped
-from rigctl.measure.calibrations import store_of_run
 from rigctl.measure.diagnose import recalibrated
-from rigctl.measure.frames import CalibrationPaths, SelectedCalibrations
+from rigctl.measure.frames import CalibrationPaths, SelectedCalibrations, store_of_run
 from rigctl.measure.measure import Measurement
 from rigctl.report.comparison import compared_json, comparison_files
 from rigctl.report.files import write_folder
-from rigctl.report.numbers import SCHEMA_VERSION
+from rigctl.report.prediction import SCHEMA_VERSION
 from rigctl.runs.check import run_to_measure
 from rigctl.runs.folder import Run, read_run
 from rigctl.study import scene_digest

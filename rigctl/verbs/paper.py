@@ -107,7 +107,7 @@ class PaperResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the number of statements by verdict, each statement, and assumptions."""
-        from rigctl.paper.report import search_lines, statement_table, tally
+        from rigctl.paper.check import search_lines, statement_table, tally
 
         yield from (f"{one.name}: {tally(one.results)}" for one in self.found.sets)
         yield from search_lines(self.found.search)
@@ -117,13 +117,13 @@ class PaperResult(Result):
 
     def as_json(self) -> list[dict[str, Json]]:
         """Return the content of statements.json."""
-        from rigctl.paper.report import statement_json
+        from rigctl.paper.check import statement_json
 
         return [statement_json(one) for one in self.found.results]
 
     def output_files(self) -> Files:
         """Return the page, statements, curves and pictures."""
-        from rigctl.paper.report import paper_files
+        from rigctl.paper.check import paper_files
 
         return paper_files(self.found)
 
@@ -137,7 +137,7 @@ class EstimatorResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the estimator with the least error at a true SNR of 2, and the table."""
-        from rigctl.paper.report import estimator_plot, estimator_table
+        from rigctl.paper.check import estimator_plot, estimator_table
 
         place = list(self.true_snr).index(2.0)
         best = min(self.errors, key=lambda name: float(self.errors[name].rms[place]))
@@ -156,7 +156,7 @@ class EstimatorResult(Result):
         """Return the picture of the errors."""
         import numpy as np
 
-        from rigctl.paper.report import estimator_plot
+        from rigctl.paper.check import estimator_plot
 
         plotted = _compared(np.linspace(*_PLOTTED_SNR))
         return {"estimators.png": estimator_plot(plotted.true_snr, plotted.errors)}

@@ -336,8 +336,7 @@ class Prediction(Result):
         from rigctl.report.detection import roc_json
         from rigctl.report.effects import effects_json
         from rigctl.report.light import light_json
-        from rigctl.report.numbers import prediction_json
-        from rigctl.report.prediction import input_effects_json
+        from rigctl.report.prediction import input_effects_json, prediction_json
         from rigctl.report.tradeoff import accuracy_json
 
         content = prediction_json(self.predictions, self.performance, remarks=(*self.doubts, *self.scene_remarks))

@@ -1,7 +1,7 @@
 """`rigctl sky`: the polarized sky of a scene, with its own aerosol or with each kind."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +10,7 @@ from rigctl.files.choices import Engine
 from rigctl.verbs.options import FilePath, Files, Part, Result, ScenePath, Writes, scene_file_of
 
 if TYPE_CHECKING:
-    from rigctl.scene.sky_map import SkyMap, SkyOfKind
+    from rigctl.scene.sky_map import SkyMap
 
 _FILES = ("sky.png", "sky.json", "sky-aerosols.png", "sky-aerosols.json")
 
@@ -56,12 +56,12 @@ def sky(
     from rigctl.scene.scene import scene_of_file
     from rigctl.scene.sky_map import skies_of_kinds, sky_map
 
-    record, kinds = scene_of_file(scene_file_of(scene)), list["SkyOfKind"]()
+    record, kinds = scene_of_file(scene_file_of(scene)), dict[str, "SkyMap"]()
     if compare_aerosols:
-        for one in skies_of_kinds(record, engine=engine):
-            note(f"{one.label}: computed")
-            kinds.append(one)
-        found = SkyResult(sky=kinds[0].sky, kinds=tuple(kinds))
+        for label, sky in skies_of_kinds(record, engine=engine):
+            note(f"{label}: computed")
+            kinds[label] = sky
+        found = SkyResult(sky=next(iter(kinds.values())), kinds=kinds)
     else:
         with solving_shown() as tell:
             found = SkyResult(sky=sky_map(record, engine=engine, tell=tell))
@@ -75,7 +75,7 @@ class SkyResult(Result):
     """The sky of a scene as arrays; if requested for each kind of aerosol, the scene file's own first."""
 
     sky: "SkyMap"
-    kinds: "tuple[SkyOfKind, ...]" = ()
+    kinds: "dict[str, SkyMap]" = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<sky of {self.sky.name}, sun at zenith {self.sky.sun_zenith_deg:.1f} deg>"

@@ -387,7 +387,7 @@ class SessionPage(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return counts of frames and events, faults, doubts and annotations."""
-        from rigctl.report.numbers import annotations_of, diagnosis_json
+        from rigctl.report.measurement import annotations_of, diagnosis_json
         from rigctl.runs.records import left_out_texts
 
         run = self.history.run

@@ -228,8 +228,7 @@ class StokesResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return DoLP and AoLP, the run's faults, and with --wide all numbers of the regions and their texture."""
-        from rigctl.report.measurement import scene_pictures, summary_table
-        from rigctl.report.numbers import region_statistics
+        from rigctl.report.measurement import region_statistics, scene_pictures, summary_table
         from rigctl.report.prediction import quantity_tables
 
         yield self._answer()
@@ -289,7 +288,7 @@ class StokesResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return the content of stokes.json."""
-        from rigctl.report.numbers import diagnosis_json, measurement_json
+        from rigctl.report.measurement import diagnosis_json, measurement_json
 
         return measurement_json(self.measurement, self.textures) | {
             "unmeasured": self.measurement.unmeasured,
@@ -344,8 +343,8 @@ def stokes_of(
 ) -> StokesResult:
     """Measure a run that is open."""
     from rigctl.comparison.checks import run_checks
-    from rigctl.measure.calibrations import calibrations_of_run
     from rigctl.measure.diagnose import MEASURED_WITH, measure_run
+    from rigctl.measure.frames import calibrations_of_run
 
     measured = measure_run(run, regions, calibrations_of_run(paths, run, MEASURED_WITH), correct=correct)
     return StokesResult(run=measured, checks=run_checks(measured), is_wide=is_wide)

@@ -186,8 +186,7 @@ def _choices(used_by: Path, folder: Path, now_ns: int) -> "tuple[Choice, ...]":
     from rigctl.calibrations.made_for import KINDS
     from rigctl.calibrations.store import selected_for_rig
     from rigctl.files.rig_file import load_rig
-    from rigctl.measure.calibrations import selected_for_run
-    from rigctl.measure.frames import CalibrationPaths
+    from rigctl.measure.frames import CalibrationPaths, selected_for_run
     from rigctl.runs.check import run_to_measure
 
     if used_by.is_dir():

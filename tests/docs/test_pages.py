@@ -8,8 +8,8 @@ import pytest
 
 from model.quantities import QUANTITIES
 from rigctl.files.session_file import InterlockSection
-from rigctl.paper import report as paper_files
-from rigctl.paper.report import statement_table
+from rigctl.paper import check as paper_files
+from rigctl.paper.check import statement_table
 from rigctl.report.comparison import row_table
 from rigctl.report.detection import measured_roc_table, roc_points
 from rigctl.report.series import series_rows

@@ -15,7 +15,7 @@ from model.processing.dolp import moments
 from rigctl.files.choices import Engine
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.predict import ScenePredictor
-from rigctl.scene.light import SceneLight, build_scenario, readout_of
+from rigctl.scene.light import SceneLight, build_scenario
 from rigctl.scene.scene import Scene
 from tests.hard_cases.cases import HardCase
 from tests.model.processing.dolp_reference import dolp_cases
@@ -89,7 +89,7 @@ def _lit(
     light = SceneLight(engine=engine, is_kept_between_runs=engine == "own")
     predictor = ScenePredictor(load_scene(finer), None, light=light)
     scene = predictor.scene
-    scenario = build_scenario(scene, readout=readout_of(scene), exposure_s=scene.exposure_s, light=light)
+    scenario = build_scenario(scene, light=light)
     at_aperture = {one.name: one.aperture_moments() for one in scenario.regions}
     by_name = {name: (moments.mean, moments.cov) for name, moments in at_aperture.items()}
     return predictor.predictions(), scene, by_name

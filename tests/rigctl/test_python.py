@@ -176,7 +176,7 @@ def test_a_registration_can_be_forced_as_by_the_command(run_path, regions_file, 
         asked.append(paths)
         raise ConfigError("asked")
 
-    monkeypatch.setattr("rigctl.measure.calibrations.selected_for_run", lambda paths, *_: refused(paths))
+    monkeypatch.setattr("rigctl.measure.frames.selected_for_run", lambda paths, *_: refused(paths))
     for call in (rigctl.stokes, rigctl.compare):
         with pytest.raises(ConfigError, match="asked"):
             call(run_path, regions=regions_file, register="registration.json", force_registration=True)

@@ -10,8 +10,7 @@ import pytest
 
 import rigctl
 from rigctl import cli
-from rigctl.measure.calibrations import selected_for_run
-from rigctl.measure.frames import CalibrationPaths
+from rigctl.measure.frames import CalibrationPaths, selected_for_run
 from rigctl.runs.check import run_to_measure
 from rigctl.runs.records import FrameRecord
 from rigctl.runs.writer import RunWriter

@@ -119,7 +119,7 @@ def test_skies_are_kept_between_runs(scene, tmp_path, monkeypatch):
     def refuse(*arguments, **settings):
         raise AssertionError("a kept sky was solved again")
 
-    monkeypatch.setattr("rigctl.scene.light.SkyStore._compute", refuse)
+    monkeypatch.setattr("rigctl.scene.light.solve", refuse)
     assert main(["sky", scene]) == 0
 
 

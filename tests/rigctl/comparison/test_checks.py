@@ -190,4 +190,4 @@ def test_a_comparison_in_which_nothing_was_tested_cannot_be_judged() -> None:
     assert verdict_of(untested, nothing_tested(untested, ["why"]), {}) == "cannot_be_judged"
     other = replace(row("s0", True), region="b")
     assert verdict_of([*untested, other], (), {}) == "agrees_with_reservations"
-    assert region_verdicts([*untested, other], (), {})["a"].reason == "no number of it was tested"
+    assert region_verdicts([*untested, other], (), {})["a"].reason == "none of its numbers was tested"

@@ -43,15 +43,15 @@ def test_the_report_is_one_file_that_answers_first(compared):
         'alt="Map of S0"',
         'alt="Map of DoLP"',
         'alt="Map of AoLP"',
-        "<h2>What the verdict rests on</h2>",
+        "<h2>Basis of the verdict</h2>",
         "s rule at alpha = 0.001",
         "<h2>Trends</h2>",
         "<h2>Uncertainty budget</h2>",
         "<h2>Effects taken and skipped</h2>",
         "<h2>The run by itself</h2>",
-        "<h2>What this does not test</h2>",
+        "<h2>Not tested here</h2>",
         "assumed, not calibrated: noise.gain_dn_per_e = 0.24",
-        "<h2>Where it comes from</h2>",
+        "<h2>Source of the frames</h2>",
         "Provenance in full",
     ]
     places = [page.index(text) for text in first]
@@ -122,7 +122,7 @@ def test_a_disagreement_says_the_size_of_its_likeliest_cause_once_and_first(tmp_
     value, std = (float(text.replace("−", "-")) for text in found.groups())
     assert abs(value - size) < 5.0 * std
     assert html(report).count(found.group()) == 1
-    assert "What disagrees" in [section.title for section in report.sections]
+    assert "Disagreements" in [section.title for section in report.sections]
 
 
 ROW = Row(

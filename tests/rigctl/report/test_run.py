@@ -42,7 +42,7 @@ def test_it_says_what_a_simulated_roof_proves_and_what_not(tmp_path):
     light = SimulatedLight(scene="roof", is_clocked=True, perturbed="visibility times 0.7")
     roof = replace(run, session=replace(run.session, origin="simulated", simulated_light=light))
     page = html(run_report(session_history(roof), quick_diagnosis(roof)))
-    assert "What this simulated run can prove" in page
+    assert "Limits of a simulated run" in page
     assert "It cannot test the scene model" in page
     assert "visibility times 0.7" in page
 

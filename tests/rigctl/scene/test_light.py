@@ -2,7 +2,6 @@
 
 import hashlib
 import importlib.util
-from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -21,13 +20,9 @@ from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.light import (
-    NotStorableError,
     SceneLight,
     SkyStore,
     camera_view,
-    decode,
-    encode,
-    fingerprint,
     read_sky_table,
     solver_sources,
     user_cache_folder,
@@ -425,53 +420,6 @@ LAYERS = (Layer(tau_rayleigh=0.05, tau_aerosol=0.1, ssa_aerosol=0.9, g_aerosol=0
 SETTINGS = {"mu0": 0.7, "albedo": 0.1, "nodes": 4, "element_depth": 0.1, "tolerance": 1e-3}
 
 
-@dataclass(frozen=True, eq=False)
-class Inner:
-    values: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Outer:
-    parts: tuple[Inner, ...]
-    modes: range
-    number: float
-    converged: bool
-    nothing: None
-    made: list = field(init=False)
-
-    def __post_init__(self):
-        object.__setattr__(self, "made", [self.number])
-
-
-def record(number=1.5):
-    inner = Inner(values=np.arange(6.0).reshape(2, 3))
-    return Outer(parts=(inner, inner), modes=range(3, 7), number=number, converged=True, nothing=None)
-
-
-def test_a_record_comes_back_as_it_was_and_one_object_is_one_again():
-    found = decode(encode(record()), {"Inner": Inner, "Outer": Outer})
-    np.testing.assert_array_equal(found.parts[0].values, record().parts[0].values)
-    assert (found.modes, found.number, found.converged, found.nothing) == (range(3, 7), 1.5, True, None)
-    assert found.made == [1.5]
-    assert found.parts[0] is found.parts[1]
-    assert decode(encode((np.float64(0.1), np.bool_(True))), {}) == (0.1, True)
-
-
-def test_fingerprints_tell_numbers_apart_and_nothing_else():
-    assert fingerprint(record()) == fingerprint(record())
-    assert fingerprint(record(1.5)) != fingerprint(record(np.nextafter(1.5, 2.0)))
-    changed = Inner(values=np.arange(6.0).reshape(2, 3) + 1e-16 * np.eye(2, 3))
-    assert fingerprint(changed) != fingerprint(Inner(values=np.arange(6.0).reshape(2, 3)))
-    assert fingerprint(Inner(values=np.zeros((2, 3)))) != fingerprint(Inner(values=np.zeros((3, 2))))
-
-
-def test_what_is_no_record_of_numbers_is_refused_and_no_unexpected_class_is_made():
-    with pytest.raises(NotStorableError):
-        encode((1.0, object()))
-    with pytest.raises(KeyError):
-        decode(encode(record()), {"Outer": Outer})
-
-
 class Counted:
     """The solver, counting its calls."""
 
@@ -506,10 +454,12 @@ def test_a_second_run_takes_what_the_first_computed(tmp_path, solver, layers, se
     first = SkyStore(tmp_path, solver=solver)(layers(), **settings)
     again = SkyStore(tmp_path, solver=solver)
     np.testing.assert_array_equal(of_sky(again(layers(), **settings)), of_sky(first))
-    assert (solver.calls, again.taken, again.computed, again.remarks) == (1, 1, 0, [])
+    assert (solver.calls, again.remarks) == (1, [])
 
 
-@pytest.mark.parametrize("change", [{"mu0": 0.7000001}, {"albedo": 0.2}, {"aerosol": "polarizing"}, {"nodes": 5}])
+@pytest.mark.parametrize(
+    "change", [{"mu0": np.nextafter(0.7, 1.0)}, {"albedo": 0.2}, {"aerosol": "polarizing"}, {"nodes": 5}]
+)
 def test_other_inputs_are_another_sky(tmp_path, solver, change):
     store = SkyStore(tmp_path, solver=solver)
     store(LAYERS, **SETTINGS)
@@ -524,12 +474,12 @@ def _flip_a_bit(data):
 
 def _no_sky(data):
     body = b"no archive"
-    return b"rigctl sky 1 sha256 " + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
+    return b"rigctl sky 2 sha256 " + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
 
 
 @pytest.mark.parametrize(
     "spoil",
-    [_flip_a_bit, lambda data: data[:-10], lambda data: b"", lambda data: data.replace(b"sky 1", b"sky 2", 1), _no_sky],
+    [_flip_a_bit, lambda data: data[:-10], lambda data: b"", lambda data: data.replace(b"sky 2", b"sky 1", 1), _no_sky],
 )
 def test_a_damaged_entry_is_computed_anew_and_replaced(tmp_path, solver, spoil):
     right = of_sky(SkyStore(tmp_path, solver=solver)(LAYERS, **SETTINGS))

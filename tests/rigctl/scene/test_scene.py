@@ -10,7 +10,7 @@ from rigctl.files.place import Place, SiteSection
 from rigctl.files.scene_file import load_scene
 from rigctl.files.toml import with_std_apart
 from rigctl.prediction.predict import ScenePredictor
-from rigctl.scene.light import SceneLight, SkyStore, build_scenario, readout_of
+from rigctl.scene.light import SceneLight, SkyStore, build_scenario
 from rigctl.scene.scene import (
     ANGLE,
     EXPOSURE_RATIO,
@@ -115,7 +115,7 @@ def test_inputs_put_into_the_scene_are_the_scene(tmp_path):
 
 def test_units_of_the_file_become_si_and_a_changed_value_reaches_the_scenario(panels):
     scene = with_value(panels, "regions.asphalt.stokes_radiance.1", 0.5)
-    scenario = build_scenario(scene, readout=readout_of(scene), exposure_s=3e-5)
+    scenario = build_scenario(scene, exposure_s=3e-5)
     assert scenario.regions[2].stokes_radiance[1] == 0.5
     assert scenario.sensor.pixel_pitch_m == pytest.approx(8.3e-6)
     assert scenario.sensor.wavelength_m == pytest.approx(550e-9)

@@ -130,7 +130,7 @@ def test_the_page_and_the_doctor_tell_of_them(tmp_path: Path) -> None:
     found = status(tmp_path / "run", page=tmp_path / "page.html")
     assert isinstance(found, SessionPage)
     page = (tmp_path / "page.html").read_text()
-    assert "Beside the frames" in page
+    assert "<h2>Monitors</h2>" in page
     assert "air (file" in page
     assert "is left" in page
     assert len(found.history.monitors) == 2
