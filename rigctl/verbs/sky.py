@@ -107,7 +107,7 @@ class SkyResult(Result):
 
         lines = sky_lines(self.sky)
         if self.kinds:
-            most = max(sky_difference(one.sky, self.kinds[0].sky)["largest_dolp"] for one in self.kinds)
+            most = max(sky_difference(sky, self.sky)["largest_dolp"] for sky in self.kinds.values())
             yield f"the kind of aerosol moves the DoLP of the sky by up to {most:.3f}"
             yield kinds_table(self.kinds)
             yield from (lines[0], *self.sky.remarks[:1])
