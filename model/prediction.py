@@ -20,6 +20,7 @@ from model.moments import Moments
 from model.processing import dolp
 from model.processing.detection import condition_warnings, rx_roc
 from model.processing.reconstruction import Design, aolp_moments_rad, design, normalized_moments
+from model.quantities import OF_RATIOS
 from model.scene.scene import Readout, RegionLight, Scenario
 from model.sensor import ChannelMoments, channel_moments
 
@@ -432,9 +433,13 @@ def _ratios(stokes: Moments) -> list[Quantities]:
         return found
     seen = Moments(mean=stokes.mean[lit], cov=stokes.cov[lit])
     normalized = normalized_moments(seen)
-    deviations = _above_rounding(_deviations(normalized.cov), seen)
-    for k, mean, std in zip(lit, normalized.mean.tolist(), deviations.tolist(), strict=True):
-        found[k] = {name: {"mean": mean[i], "std": std[i]} for i, name in enumerate(("s1n", "s2n"))}
+    results = [[function(*mean) for function in OF_RATIOS.values()] for mean in normalized.mean.tolist()]
+    gradients = np.array([[gradient for _, gradient in one] for one in results])
+    deviations = _above_rounding(_deviations(gradients @ normalized.cov @ np.swapaxes(gradients, -1, -2)), seen)
+    for k, one, stds in zip(lit, results, deviations.tolist(), strict=True):
+        found[k] = {
+            name: {"mean": value, "std": std} for name, (value, _), std in zip(OF_RATIOS, one, stds, strict=True)
+        }
         found[k]["dolp"] = {"mean": 0.0}
     is_polarised = np.hypot(seen.mean[:, 1], seen.mean[:, 2]) > _UNPOLARISED * seen.mean[:, 0]
     if not np.any(is_polarised):

@@ -30,18 +30,18 @@ from model.atmosphere.solver import solve
 from model.effects.names import ALL, Effect
 from model.effects.planner import acting
 from model.prediction import PairDetection, RegionPrediction, detections_of_sweep, predict_all
-from model.quantities import CIRCULAR, SHARES
+from model.quantities import CIRCULAR, error_scale
 from model.scene.field import (
     FieldLight,
     FieldPart,
     TileRule,
+    before_lens,
     cosine_fourth,
     light_over_field,
     lights_by_rules,
     lights_over_tiles,
     middle,
     off_axis,
-    with_surroundings,
 )
 from model.scene.panel import ApertureLight, Rules, View, aperture_lights
 from model.scene.scene import ALL_LIGHT, Air, LightParts, LitRegion, LitScene, RegionLight, Scenario
@@ -294,21 +294,13 @@ def _radiance(name: str, stokes: np.ndarray) -> dict[Reading, Value]:
     }
 
 
-# Of these S0 is the scale: each may be zero, and their sign is that of the frame.
-_OF_S0 = frozenset({"s1", "s2"})
-
-
 def _of_region(name: str, prediction: RegionPrediction) -> Iterator[tuple[Reading, Value]]:
-    s0 = abs(float(prediction.stokes_dn.mean[0]))
+    s0 = float(prediction.stokes_dn.mean[0])
     for quantity, statistics in prediction.quantities.items():
         if quantity in CIRCULAR:
             continue
         for statistic, number in statistics.items():
-            scale = abs(number)
-            if statistic == "mean" and quantity in SHARES:
-                scale = 1.0
-            elif statistic == "mean" and quantity in _OF_S0:
-                scale = s0
+            scale = error_scale(quantity, statistic, number, s0)
             yield Reading(name, quantity, statistic), Value(number, scale)
 
 
@@ -336,12 +328,12 @@ def lit_fields(
 ) -> dict[str, FieldLight]:
     """Return the light of the regions that are given by a material."""
     found = {request.region.name: lights.light(request) for request in light_requests(scene, settings, rules)}
-    around = scene.imperfections.surround_albedo
-    illumination = None if around is None else sun_and_sky(scene, settings, lights)
-    if around is None or illumination is None or scene.air is None:
+    illumination = sun_and_sky(scene, settings, lights)
+    if illumination is None or scene.air is None:
         return found
+    albedo = scene.air.ground_albedo
     return {
-        name: with_surroundings(light, illumination, surround_albedo=around, ground_albedo=scene.air.ground_albedo)
+        name: before_lens(light, illumination, scene.imperfections, ground_albedo=albedo)
         for name, light in found.items()
     }
 

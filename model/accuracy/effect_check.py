@@ -32,7 +32,7 @@ from model.effects.bounds import NEXT_TO_NONE, Light, LightLimits, added, bound_
 from model.effects.names import LIGHT, Bound, Effect, EffectPlan
 from model.effects.planner import EFFECTS
 from model.numerics import gauss_legendre
-from model.quantities import SHARES, is_counts
+from model.quantities import QUANTITIES, is_counts
 from model.scene.panel import PanelLight
 from model.scene.scene import Air, LitRegion, LitScene
 from model.scene.sky_light import DiffuseRadiance
@@ -217,7 +217,11 @@ def kind_of(reading: Reading) -> str:
     """Return which number of a `Bound` speaks of a reading."""
     if reading.quantity in {"p_detection", "auc"}:
         return "detection"
-    if reading.quantity in SHARES and reading.statistic == "mean":
+    if (
+        reading.statistic == "mean"
+        and reading.quantity in QUANTITIES
+        and QUANTITIES[reading.quantity].error_of == "one"
+    ):
         return "ratios"
     is_level = reading.quantity in _RADIANCE or is_counts(reading.quantity)
     if is_level and (reading.statistic == "mean" or reading.quantity == "radiance"):

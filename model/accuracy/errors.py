@@ -58,7 +58,7 @@ from model.atmosphere.sky import (
 )
 from model.effects.planner import acting
 from model.prediction import PairDetection, RegionPrediction, detections_of_cases, predict_all
-from model.scene.field import FieldLight, Source, Tile, tiles, with_surroundings
+from model.scene.field import FieldLight, Source, Tile, before_lens, tiles
 from model.scene.panel import ApertureLight, PanelLight, Rules, View, aperture_lights, reflected_by_rules
 from model.scene.scene import Air, LitRegion, LitScene, RegionLight
 from model.scene.sky_light import DiffuseRadiance, Illumination, SampledSky, Sky, sample_sky, sample_smooth
@@ -817,9 +817,8 @@ def _over_tiles(case: LitCase, name: str, more: Sequence[Tile], lights: tuple[Ap
     seen, illumination, air = acting(case.scene, case.result.effects), case.result.illumination, case.scene.air
     spread = case.result.lights[name].spread
     field = FieldLight(lights=lights, weights=tuple(tile.weight for tile in more), spread=spread)
-    around = seen.imperfections.surround_albedo
-    if around is not None and air is not None and illumination is not None:
-        field = with_surroundings(field, illumination, surround_albedo=around, ground_albedo=air.ground_albedo)
+    if air is not None and illumination is not None:
+        field = before_lens(field, illumination, seen.imperfections, ground_albedo=air.ground_albedo)
     return region_light(seen, _region_of(case, name), field)
 
 

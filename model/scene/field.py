@@ -2,7 +2,7 @@
 
 A wide region is seen at many angles. `light_over_field` looks at its centre and the middles of its edges; where they
 differ, the region is cut into tiles, each with its own view of level ground (`tiles`), and mean and covariance over the
-pixels are sums over the tiles. `cosine_fourth` is the falloff of a lens toward the corners, `with_surroundings` the
+pixels are sums over the tiles. `cosine_fourth` is the falloff of a lens toward the corners, `before_lens` the
 light of near surroundings that the air mixes into the line of sight.
 """
 
@@ -20,6 +20,7 @@ from model.moments import Moments
 from model.numerics import gauss_legendre
 from model.scene.panel import ApertureLight, Rules, View
 from model.scene.sky_light import Illumination
+from model.sensor import Imperfections
 
 FloatArray = NDArray[np.float64]
 TileRule = Literal["gauss-legendre", "midpoint"]
@@ -450,8 +451,8 @@ def _spread(centre: FloatArray, edges: list[FloatArray]) -> float:
 BACKSCATTER = 0.3
 
 
-def with_surroundings(
-    light: FieldLight, illumination: Illumination, *, surround_albedo: float, ground_albedo: float
+def before_lens(
+    light: FieldLight, illumination: Illumination, imperfections: Imperfections, *, ground_albedo: float
 ) -> FieldLight:
     """Return a region's light with that of its near surroundings mixed in on the way to the camera.
 
@@ -461,6 +462,9 @@ def with_surroundings(
 
     Definition; for the split of direct and diffuse transmittance Kaufman, J. Geophys. Res. 84 (1979) 3165.
     """
+    surround_albedo = imperfections.surround_albedo
+    if surround_albedo is None:
+        return light
     received = illumination.direct_horizontal_irradiance + illumination.sky_irradiance
     radiance = (surround_albedo - ground_albedo) / np.pi * received
     return replace(light, lights=tuple(_mixed(one, radiance) for one in light.lights))
@@ -469,7 +473,7 @@ def with_surroundings(
 def forward_scattered(transmittance: float) -> float:
     """Return the share of light from wide surroundings that is scattered into a line of sight, 0 to 1.
 
-    As `with_surroundings`.
+    As `before_lens`.
     """
     return float(transmittance**BACKSCATTER - transmittance)
 

@@ -24,7 +24,7 @@ from model.effects.names import LIGHT, Effect, EffectPlan, EffectRule
 from model.prediction import Quantities, RegionPrediction, predict_region
 from model.processing.agreement import Propagation, input_jacobian
 from model.processing.samples import Sample, check_dolp_distribution, deviation
-from model.quantities import SHARES, angle_of, counts_name, is_counts
+from model.quantities import angle_of, counts_name, error_scale, is_counts
 from model.scene.field import FieldLight
 from model.sensor import ChannelMoments
 from rigctl.base.numbers import to_digits, wrapped
@@ -176,13 +176,8 @@ class NumericalAccuracy:
             return self._error_of_ratio(region, quantity, numbers)
         if quantity == "aolp_deg":
             return self._error_of_angle(region, statistic, numbers["dolp"]["mean"], numbers[quantity][statistic])
-        error = self.in_tolerance(region, quantity, statistic)
-        if statistic == "mean" and quantity in SHARES:
-            return error
-        scale = (
-            numbers["s0"]["mean"] if statistic == "mean" and quantity in ("s1", "s2") else numbers[quantity][statistic]
-        )
-        return error * abs(scale)
+        scale = error_scale(quantity, statistic, numbers[quantity][statistic], numbers["s0"]["mean"])
+        return scale * self.in_tolerance(region, quantity, statistic)
 
     def _error_of_ratio(self, region: str, quantity: str, numbers: Quantities) -> float:
         """Error of counts over their mean: an error of S0 cancels up to nonlinearity, one of (s1, s2) does not."""

@@ -19,7 +19,7 @@ from model.processing.dolp_interval import chi_square, joint_score, student_scor
 from model.processing.mosaic import reach_px
 from model.processing.reconstruction import channel_ratios, normalized_moments, stokes_moments
 from model.processing.samples import Sample
-from model.quantities import difference, is_counts, ratio_name
+from model.quantities import QUANTITIES, difference, is_counts, ratio_name
 from model.sensor import ChannelMoments
 from rigctl.files.regions import inner_masks, masks
 from rigctl.measure.diagnose import MeasuredRun, RunDiagnosis
@@ -39,8 +39,8 @@ _POWER = 0.9
 _USELESS_SHARE = 0.5
 _SPATIAL, _OF_PIXELS = ("std", "std_spatial_mean"), ("dolp_pixels", "dolp_snr")
 _DEVIATIONS = (*_SPATIAL, "std_temporal")
-# Half of the largest difference of two AoLP. Numbers that may be 0 by nature have no size of their own.
-_TURN_DEG, _SIGNED = 45.0, ("s1", "s2", "s1n", "s2n")
+# Half of the largest difference of two AoLP.
+_TURN_DEG = 45.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +69,9 @@ class Row:
         """True if only a difference above half of the number (of AoLP, of 45 deg) is detected."""
         seen = self.smallest_difference_90
         size = _TURN_DEG if self.quantity == "aolp_deg" else abs(self.predicted)
-        return seen is not None and self.quantity not in _SIGNED and seen > _USELESS_SHARE * size
+        # A number with a sign may be 0 by nature and has no size of its own.
+        is_signed = self.quantity in QUANTITIES and QUANTITIES[self.quantity].is_signed
+        return seen is not None and not is_signed and seen > _USELESS_SHARE * size
 
     @property
     def key(self) -> NumberKey:

@@ -48,7 +48,7 @@ from model.processing.samples import (
     region_mean_moments,
     repeated,
 )
-from model.quantities import is_counts, ratio_name
+from model.quantities import OF_RATIOS, is_counts, ratio_name
 from model.sensor import SensorNoise, temporal_variance_dn2
 from model.stokes import dolp as degree_of_polarization
 from rigctl.calibrations.noise import NoiseParameters
@@ -611,12 +611,15 @@ def _of_mean_stokes(
     if stokes.mean[0] <= 0.0:
         return {}
     normalized = normalized_moments(stokes)
-    errors = np.sqrt(np.diag(normalized.cov))
+    values, gradients = zip(*(function(*normalized.mean.tolist()) for function in OF_RATIOS.values()), strict=True)
+    errors = np.sqrt(np.einsum("ki,ij,kj->k", gradients, normalized.cov, gradients))
     # Of (S1, S2) / S0 by the counts of the angles.
     rows = (inverse[1:] - np.outer(normalized.mean, inverse[0])) / stokes.mean[0]
     found = {
-        name: {"mean": _without_rounding(of_few(float(normalized.mean[k]), float(errors[k]), freedom))}
-        for k, (name, freedom) in enumerate(zip(("s1n", "s2n"), freedom_of(rows).tolist(), strict=True))
+        name: {"mean": _without_rounding(of_few(value, float(error), freedom))}
+        for name, value, error, freedom in zip(
+            OF_RATIOS, values, errors, freedom_of(np.array(gradients) @ rows).tolist(), strict=True
+        )
     }
     if not np.any(stokes.mean[1:]):
         return found

@@ -88,6 +88,12 @@ def test_several_under_one_sky_keep_the_tolerance_as_each_alone_does(lit):
     assert set(found[0].errors) == set(single.errors)
 
 
+def test_finer_tiles_are_seen_in_the_light_of_the_surroundings_too():
+    # Over a bright ground: without its light the finer tiles would look darker by much more than the tolerance.
+    bright = panel_scene(half_field_rad=0.1, surround_albedo=1.0)
+    assert alone(bright, tolerance=0.01).budget.worst(TILES) <= 0.01
+
+
 def test_spheres_are_not_promised():
     scene = given()
     air = replace(random_scene(1).air, aerosol=AerosolKind.SPHERES)
