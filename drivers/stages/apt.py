@@ -27,7 +27,7 @@ from drivers.stages.serial_stage import (
     SerialStage,
     StageProbe,
     events_after,
-    open_stage_on,
+    opened,
     target_within_deg,
     two_agree,
 )
@@ -549,49 +549,35 @@ class AptStage(SerialStage):
             )
 
 
-def connect_apt(
-    port: BytePort,
-    *,
-    tolerance_deg: float = 0.02,
-    actuator: str | None = None,
-    now_s: Callable[[], float] = time.monotonic,
-    sleep: Callable[[float], None] = time.sleep,
-) -> AptStage:
-    """Return the stage on an open line, once it is identified and has its parameters."""
-    link = AptLink(port, now_s=now_s, sleep=sleep)
-    link.tell(NO_FLASH_PROGRAMMING)
-    link.tell(STOP_UPDATES)
-    information = link.ask_until_two_agree(IDENTIFY, information_of)
-    try:
-        model = find_model(information.model, stage_id=information.stage_id, actuator=actuator)
-    except ProtocolError as error:
-        raise ProtocolError(f"{link.name}: {error}") from error
-    stage = AptStage(link, information.identity, model, tolerance_deg=tolerance_deg)
-    _set_up(link, model)
-    return stage
-
-
 def open_apt(
-    port: str,
+    port: str | BytePort,
     *,
     tolerance_deg: float = 0.02,
     actuator: str | None = None,
     now_s: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> AptStage:
-    """Return the stage on a serial port; see `connect_apt`.
+    """Return the stage on a serial port or an open line, once it is identified and has its parameters.
 
     Raises
     ------
     NotConnectedError
         The port does not exist, may not be opened, or is used by another program.
     """
-
-    def connect(link: SerialPort) -> AptStage:
-        link.request_to_send()
-        return connect_apt(link, tolerance_deg=tolerance_deg, actuator=actuator, now_s=now_s, sleep=sleep)
-
-    return open_stage_on(port, baud=BAUD, connect=connect)
+    with opened(port, baud=BAUD) as line:
+        if isinstance(line, SerialPort):
+            line.request_to_send()
+        link = AptLink(line, now_s=now_s, sleep=sleep)
+        link.tell(NO_FLASH_PROGRAMMING)
+        link.tell(STOP_UPDATES)
+        information = link.ask_until_two_agree(IDENTIFY, information_of)
+        try:
+            model = find_model(information.model, stage_id=information.stage_id, actuator=actuator)
+        except ProtocolError as error:
+            raise ProtocolError(f"{link.name}: {error}") from error
+        stage = AptStage(link, information.identity, model, tolerance_deg=tolerance_deg)
+        _set_up(link, model)
+        return stage
 
 
 def _set_up(link: AptLink, model: AptModel) -> None:

@@ -14,7 +14,6 @@ import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 from drivers.errors import AddressError, DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
 from drivers.interfaces import DeviceIdentity, StagePosition, StageStatus, Way
@@ -25,7 +24,7 @@ from drivers.stages.serial_stage import (
     SerialStage,
     StageProbe,
     events_after,
-    open_stage_on,
+    opened,
     route_deg,
     two_agree,
 )
@@ -522,37 +521,25 @@ class EllxStage(SerialStage):
         return round(route_deg(from_deg, angle_deg, way=way, near_deg=self._tolerance_deg) * self._pulses / 360.0)
 
 
-def connect_elliptec(
-    port: BytePort,
-    *,
-    address: str = FIRST_ADDRESS,
-    tolerance_deg: float = 0.02,
-    now_s: Callable[[], float] = time.monotonic,
-    sleep: Callable[[float], None] = time.sleep,
-) -> EllxStage:
-    """Return the stage on an open line, once two of its descriptions agree."""
-    link = EllxLink(port, address=address, busy_timeout_s=_FULL_TURN_S, now_s=now_s, sleep=sleep)
-    link.begin()
-    return EllxStage(link, _ask_information(link), tolerance_deg=tolerance_deg)
-
-
 def open_elliptec(
-    port: str,
+    port: str | BytePort,
     *,
     address: str = FIRST_ADDRESS,
     tolerance_deg: float = 0.02,
     now_s: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> EllxStage:
-    """Return the stage on a serial port; see `connect_elliptec`.
+    """Return the stage on a serial port or an open line, once two of its descriptions agree.
 
     Raises
     ------
     NotConnectedError
         There is no such port, or it may not be opened, or another program holds it.
     """
-    connect = partial(connect_elliptec, address=address, tolerance_deg=tolerance_deg, now_s=now_s, sleep=sleep)
-    return open_stage_on(port, baud=BAUD, connect=connect)
+    with opened(port, baud=BAUD) as line:
+        link = EllxLink(line, address=address, busy_timeout_s=_FULL_TURN_S, now_s=now_s, sleep=sleep)
+        link.begin()
+        return EllxStage(link, _ask_information(link), tolerance_deg=tolerance_deg)
 
 
 def _ask_information(link: EllxLink) -> Information:

@@ -6,30 +6,31 @@ The module of a family has, in this order: its language without input or output,
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol, Self, TypeVar
 
 from drivers.errors import AddressError, DeviceError, DeviceTimeoutError, LimitError, ProtocolError
 from drivers.interfaces import DeviceIdentity, Move, StagePosition, Way
-from drivers.serial_port import BytePort, SerialPort, open_serial_port
+from drivers.serial_port import BytePort, open_serial_port
 
 _NOTES_KEPT = 20
 _TURN_DEG = 360.0
 _TRIES = 3
 
 T = TypeVar("T")
-StageT = TypeVar("StageT")
 EventT = TypeVar("EventT", covariant=True)
 
 
-def open_stage_on(path: str, *, baud: int, connect: Callable[[SerialPort], StageT]) -> StageT:
-    """Return the stage on a serial port; the port is closed again on failure."""
-    port = open_serial_port(path, baud=baud)
+@contextmanager
+def opened(port: str | BytePort, *, baud: int) -> Iterator[BytePort]:
+    """Give the line of a stage, opened here if it is named by its path; it is closed again on failure."""
+    line = open_serial_port(port, baud=baud) if isinstance(port, str) else port
     try:
-        return connect(port)
+        yield line
     except BaseException:
-        port.close()
+        line.close()
         raise
 
 

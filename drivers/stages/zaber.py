@@ -14,7 +14,6 @@ import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 from drivers.errors import AddressError, DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
 from drivers.interfaces import DeviceIdentity, StagePosition, StageStatus, Way
@@ -25,7 +24,7 @@ from drivers.stages.serial_stage import (
     SerialStage,
     StageProbe,
     events_after,
-    open_stage_on,
+    opened,
     target_within_deg,
 )
 
@@ -427,25 +426,8 @@ class ZaberStage(SerialStage):
             )
 
 
-def connect_zaber(
-    port: BytePort,
-    *,
-    address: str = FIRST_ADDRESS,
-    tolerance_deg: float = 0.02,
-    steps_per_turn: int | None = None,
-    now_s: Callable[[], float] = time.monotonic,
-    sleep: Callable[[float], None] = time.sleep,
-) -> ZaberStage:
-    """Return the stage on an open line, once it is identified and its scale is known."""
-    link = ZaberLink(port, address=address, now_s=now_s, sleep=sleep)
-    link.begin()
-    return ZaberStage(
-        link, read_identity(link), _read_scale(link, steps_per_turn=steps_per_turn), tolerance_deg=tolerance_deg
-    )
-
-
 def open_zaber(
-    port: str,
+    port: str | BytePort,
     *,
     address: str = FIRST_ADDRESS,
     tolerance_deg: float = 0.02,
@@ -453,15 +435,18 @@ def open_zaber(
     now_s: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> ZaberStage:
-    """Return the stage on a serial port; see `connect_zaber`.
+    """Return the stage on a serial port or an open line, once it is identified and its scale is known.
 
     Raises
     ------
     NotConnectedError
         There is no such port, or it may not be opened, or another program holds it.
     """
-    connect = partial(connect_zaber, address=address, tolerance_deg=tolerance_deg, steps_per_turn=steps_per_turn)
-    return open_stage_on(port, baud=BAUD, connect=partial(connect, now_s=now_s, sleep=sleep))
+    with opened(port, baud=BAUD) as line:
+        link = ZaberLink(line, address=address, now_s=now_s, sleep=sleep)
+        link.begin()
+        scale = _read_scale(link, steps_per_turn=steps_per_turn)
+        return ZaberStage(link, read_identity(link), scale, tolerance_deg=tolerance_deg)
 
 
 def read_identity(link: ZaberLink) -> DeviceIdentity:

@@ -8,17 +8,12 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from drivers.interfaces import RotationStage
-from drivers.stages.apt import open_apt
-from drivers.stages.elliptec import open_elliptec
-from drivers.stages.zaber import open_zaber
 from sim_devices.clock import SimClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
 from sim_devices.stages.stage import serve_on_pty
-from tests.drivers.stages.lines import Bench
+from tests.drivers.stages.lines import OPEN, Bench
 
 TOLERANCE_DEG = 0.02
-
-OPEN: dict[str, Callable[..., RotationStage]] = {"ellx": open_elliptec, "zaber": open_zaber, "apt": open_apt}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,20 +2,19 @@
 
 import itertools
 from collections.abc import Callable
+from importlib.metadata import entry_points
 from typing import Any
 
 from hypothesis import strategies as st
 
 from drivers.errors import ProtocolError
 from drivers.interfaces import RotationStage
-from drivers.stages.apt import connect_apt
-from drivers.stages.elliptec import connect_elliptec
-from drivers.stages.zaber import connect_zaber
 from sim_devices.clock import ManualClock
-from sim_devices.stages.catalogue import make_stage, parse_stage_address
+from sim_devices.stages.catalogue import SCHEMES, make_stage, parse_stage_address
 from sim_devices.stages.stage import InProcessPort
 
-CONNECT: dict[str, Callable[..., Any]] = {"ellx": connect_elliptec, "zaber": connect_zaber, "apt": connect_apt}
+FAMILIES = tuple(scheme.removeprefix("sim:") for scheme in SCHEMES)
+OPEN: dict[str, Callable[..., Any]] = {name: entry_points(group="rigctl.stages")[name].load() for name in FAMILIES}
 Script = list[tuple[bytes, list[tuple[float, bytes]]]]
 """What must be written next, and what then comes back: (delay [s], bytes)."""
 
@@ -64,7 +63,7 @@ class Bench:
     def __init__(self, address: str) -> None:
         self.clock = ManualClock()
         self.machine = make_stage(parse_stage_address(f"sim:{address}"), clock=self.clock)
-        self._connect = CONNECT[address.partition("?")[0]]
+        self._connect = OPEN[address.partition("?")[0]]
 
     def port(self) -> InProcessPort:
         return InProcessPort(self.machine, clock=self.clock)

@@ -4,7 +4,7 @@ import pytest
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
 from drivers.stages import elliptec as protocol
-from drivers.stages.elliptec import EllxStage, Information, Reply, ReplyParser, connect_elliptec
+from drivers.stages.elliptec import EllxStage, Information, Reply, ReplyParser, open_elliptec
 from tests.drivers.stages.lines import Script, ScriptedPort
 
 ELL14 = b"0IN0E1140132620251801016800023000\r\n"
@@ -151,7 +151,7 @@ AT_45 = b"0PO00004600\r\n"
 
 def homed_stage(script: Script) -> tuple[EllxStage, ScriptedPort]:
     port = ScriptedPort(OPENING + HOMING + script)
-    stage = connect_elliptec(port, now_s=port.now_s, sleep=port.sleep)
+    stage = open_elliptec(port, now_s=port.now_s, sleep=port.sleep)
     stage.home()
     return stage, port
 
@@ -238,7 +238,7 @@ def test_a_move_that_the_stage_did_not_understand_is_sent_again() -> None:
 def test_a_homing_that_was_not_confirmed_is_commanded_again() -> None:
     script = [*OPENING, (b"0ho0", [(0.1, b"0P00000000\r\n")]), *RESYNC, *HOMING]
     port = ScriptedPort(script)
-    connect_elliptec(port, now_s=port.now_s, sleep=port.sleep).home()
+    open_elliptec(port, now_s=port.now_s, sleep=port.sleep).home()
     assert port.finished
 
 
@@ -258,7 +258,7 @@ def test_a_fault_is_told_with_its_code_and_cleared() -> None:
 def test_a_fault_left_from_before_does_not_hinder_opening_but_is_told() -> None:
     opening: Script = [(b"\r", []), (b"0gs", [(0.01, b"0GS02\r\n")]), *OPENING[2:], *HOMING]
     port = ScriptedPort([*opening, (b"0ma00004600", [(0.2, AT_45)]), (b"0gp", [(0.02, AT_45)])])
-    stage = connect_elliptec(port, now_s=port.now_s, sleep=port.sleep)
+    stage = open_elliptec(port, now_s=port.now_s, sleep=port.sleep)
     stage.home()
     assert any("left from before: status 2" in remark for remark in stage.move_to(45.0).remarks)
 
@@ -328,7 +328,7 @@ def test_a_damaged_reading_does_not_make_the_next_wait_longer() -> None:
 def test_a_silent_address_is_a_timeout_within_its_deadline() -> None:
     port = ScriptedPort([(b"\r", []), (b"5gs", [])] * 3)
     with pytest.raises(DeviceTimeoutError, match="stage 5 on scripted port: no answer to b'5gs'"):
-        connect_elliptec(port, address="5", now_s=port.now_s, sleep=port.sleep)
+        open_elliptec(port, address="5", now_s=port.now_s, sleep=port.sleep)
     assert port.now_s() < 4.0  # three tries of a second, and three times 0.05 s of listening
 
 
@@ -342,14 +342,14 @@ def test_a_silent_address_is_a_timeout_within_its_deadline() -> None:
 def test_what_is_no_rotation_stage_is_refused(reply: bytes, reason: str) -> None:
     port = ScriptedPort([*OPENING[:2], (b"0in", [(0.05, reply)]), (b"0in", [(0.05, reply)])])
     with pytest.raises(ProtocolError, match=reason):
-        connect_elliptec(port, now_s=port.now_s, sleep=port.sleep)
+        open_elliptec(port, now_s=port.now_s, sleep=port.sleep)
 
 
 def test_pulses_that_were_told_once_only_are_not_believed() -> None:
     bent = IN.replace(b"023000", b"021000")
     answers = [bent, IN, IN]
     port = ScriptedPort([*OPENING[:2], *[(b"0in", [(0.05, answer)]) for answer in answers], *HOMING])
-    stage = connect_elliptec(port, now_s=port.now_s, sleep=port.sleep)
+    stage = open_elliptec(port, now_s=port.now_s, sleep=port.sleep)
     stage.home()
     assert port.finished
 

@@ -12,12 +12,12 @@ from drivers.stages.serial_stage import distance_deg, route_deg, target_within_d
 from sim_devices.clock import SimClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
 from sim_devices.stages.stage import InProcessPort, serve_on_pty
-from tests.drivers.stages.lines import CONNECT, Bench
+from tests.drivers.stages.lines import FAMILIES, Bench
 
 ANGLES = st.floats(-1e4, 1e4)
 TOLERANCE_DEG, HALF_COUNT_DEG = 0.02, 180.0 / 65536
 PICKERING_DEG = (0.0, 90.0, 45.0, 135.0)
-families = pytest.mark.parametrize("family", list(CONNECT))
+families = pytest.mark.parametrize("family", FAMILIES)
 
 
 @pytest.mark.parametrize(
