@@ -37,7 +37,7 @@ from rigctl.session.rig_work import CapturedFrame, RigWork, RoundExposures, reco
 from rigctl.session.timing import Pause, SessionContext, StopAskedError, Timing
 
 _RETRY_S = 1.0
-_LOOK_S = 0.2
+_LOOK_S, _LAST_WORD_S = 0.2, 5.0
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 # Frames that may wait for the disk: enough to ride over one slow flush, few enough to lose little in a power cut.
 QUEUE_FRAMES = 4
@@ -99,11 +99,12 @@ class WriterThread:
         self._is_over = threading.Event()
         # A daemon: one that hangs in the system's kernel is left behind.
         self._thread = threading.Thread(target=self._run, name="frame writer", daemon=True)
+        # A hanging disk may block the session itself at its next access to the run's folder; this thread reports it.
+        self._watcher = threading.Thread(target=self._watch, name="disk watch", daemon=True)
 
     def __enter__(self) -> "WriterThread":
         self._thread.start()
-        # A hanging disk may block the session itself at its next access to the run's folder; this thread reports it.
-        threading.Thread(target=self._watch, name="disk watch", daemon=True).start()
+        self._watcher.start()
         return self
 
     def __exit__(
@@ -119,6 +120,8 @@ class WriterThread:
                 raise
         finally:
             self._is_over.set()
+            # Nothing is reported of a session that is over.
+            self._watcher.join(_LAST_WORD_S)
         if kind is None:
             self._raise_failure()
 
@@ -182,7 +185,7 @@ class WriterThread:
 
     def _watch(self) -> None:
         while not self._is_over.wait(_LOOK_S):
-            if self.is_stalled:
+            if self.is_stalled and self._error is None:
                 warn(f"{self._stall()}. If it comes back, the session continues")
                 return
 
