@@ -319,14 +319,10 @@ def allocate(
     lowest = dict.fromkeys(NUMERICAL_SETTINGS, 0) if start is None else dict(start)
     plan = dict(lowest)
     while ahead.error(plan, scales) > allowed:
-        raised = [
-            {**plan, name: level}
-            for name in NUMERICAL_SETTINGS
-            for level in range(plan[name] + 1, len(NUMERICAL_SETTINGS[name].levels))
-        ]
-        if not raised:
+        finer = _raised(scene, ahead, scales, plan)
+        if finer == plan:
             return plan
-        plan = max(raised, key=lambda finer: _gain(scene, plan, finer, ahead, scales))
+        plan = finer
     return _without_the_superfluous(scene, ahead, scales, allowed, plan, lowest)
 
 
@@ -342,10 +338,19 @@ def _without_the_superfluous(
         plan = min(within, key=lambda coarser: expected_s(scene, coarser, ahead))
 
 
-def _gain(scene: LitScene, plan: Plan, finer: Plan, ahead: Forecast, scales: Mapping[str, float]) -> float:
-    """Error that a finer plan takes off, per second."""
-    less = ahead.error(plan, scales) - ahead.error(finer, scales)
-    return less / max(expected_s(scene, finer, ahead) - expected_s(scene, plan, ahead), 1e-6)
+def _raised(scene: LitScene, ahead: Forecast, scales: Mapping[str, float], plan: dict[str, int]) -> dict[str, int]:
+    """Return a plan with that setting raised which takes off most error per second; the same of the finest of all."""
+    error, seconds = ahead.error(plan, scales), expected_s(scene, plan, ahead)
+
+    def gain(finer: Plan) -> float:
+        return (error - ahead.error(finer, scales)) / max(expected_s(scene, finer, ahead) - seconds, 1e-6)
+
+    raised = (
+        {**plan, name: level}
+        for name, setting in NUMERICAL_SETTINGS.items()
+        for level in range(plan[name] + 1, len(setting.levels))
+    )
+    return max(raised, key=gain, default=plan)
 
 
 # Seconds, on one core: a wavelength solved with the least of all, its sky read on the smallest grid, one line of sight.
@@ -361,8 +366,8 @@ def expected_s(scene: LitScene, plan: Plan, ahead: Forecast) -> float:
     effort = {name: ahead.efforts[name][level] for name, level in plan.items()}
     solver = effort[STREAMS] * effort[LAYERS]
     sky = _SOLVED_S * solver + _READ_S * effort[SKY_GRID] * float(solver**_READING)
-    seen = [region for region in scene.regions if region.surface is not None]
-    lines = sum(_LINES_OF_POINT if region.part is None else effort[TILES] for region in seen)
+    seen = [region.part for region in scene.regions if region.surface is not None]
+    lines = sum(_LINES_OF_POINT if part is None else effort[TILES] for part in seen)
     return effort[WAVELENGTHS] * sky / ahead.under_sky + _SEEN_S * lines * effort[HEMISPHERE]
 
 

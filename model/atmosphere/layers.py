@@ -11,7 +11,7 @@ the middle and at the bottom; the exponential of extinction is integrated exactl
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import groupby
 from math import ceil, comb, exp, isfinite, pi, sqrt
 
@@ -170,7 +170,7 @@ class Layer:
         _require("forward_share", self.forward_share, 0.0 <= self.forward_share < 1.0, "0 to below 1")
         _require("g_aerosol", self.g_aerosol, -1.0 < self.g_aerosol < 1.0, "strictly between -1 and 1")
 
-    @property
+    @cached_property
     def depth(self) -> float:
         """Optical depth of the layer without the unscattered share."""
         return self.full_depth - self.tau_aerosol * self.ssa_aerosol * self.forward_share
@@ -205,7 +205,7 @@ class AerosolKind(StrEnum):
 def layers_of_kind(layers: Sequence[Layer], kind: AerosolKind) -> list[Layer]:
     """Layers with scattering matrices only if the kind of aerosol needs them."""
     if kind is not AerosolKind.SPHERES:
-        return [replace(layer, matrix=None) for layer in layers]
+        return [layer if layer.matrix is None else replace(layer, matrix=None) for layer in layers]
     if any(layer.matrix is None and layer.tau_aerosol * layer.ssa_aerosol > 0.0 for layer in layers):
         raise ValueError("aerosol 'spheres' needs a matrix in every layer whose aerosol scatters")
     return list(layers)
@@ -319,7 +319,10 @@ def delta_m_truncated(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
     Wiscombe, J. Atmos. Sci. 34 (1977) 1408; Nakajima & Tanaka, J. Quant. Spectrosc. Radiat. Transfer 40 (1988) 51,
     doi:10.1016/0022-4073(88)90031-3.
     """
-    return [replace(layer, forward_share=forward_share(layer, degree=degree)) for layer in layers]
+    return [
+        layer if layer.matrix is None else replace(layer, forward_share=forward_share(layer, degree=degree))
+        for layer in layers
+    ]
 
 
 def with_truncated_matrix(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
@@ -454,6 +457,8 @@ def _require(name: str, value: float, allowed: bool, wanted: str) -> None:
 
 def _joined(alike: list[Layer]) -> Layer:
     """One layer of the depth of all."""
+    if len(alike) == 1:
+        return alike[0]
     return replace(
         alike[0],
         tau_rayleigh=sum(layer.tau_rayleigh for layer in alike),

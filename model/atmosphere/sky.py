@@ -251,8 +251,8 @@ class BandLighting:
         def computed() -> NDArray[np.float64]:
             return self._band(
                 [
-                    path_radiance(solution, tau_above=column.tau_above(height_m), mu=mu, phi_rad=phi)
-                    for column, solution in zip(self.columns, self.solutions, strict=True)
+                    path_radiance(solution, tau_above=above, mu=mu, phi_rad=phi)
+                    for above, solution in zip(self._above(height_m), self.solutions, strict=True)
                 ]
             )
 
@@ -270,12 +270,16 @@ class BandLighting:
         def computed() -> NDArray[np.float64]:
             beam = self.irradiance * [np.exp(-one.depth / one.mu0) for one in self.solutions]
             each = [
-                path_transmittance(tau_below=column.depth - column.tau_above(height_m), mu=mu)
-                for column in self.columns
+                path_transmittance(tau_below=column.depth - above, mu=mu)
+                for above, column in zip(self._above(height_m), self.columns, strict=True)
             ]
             return np.asarray(np.tensordot(beam / np.sum(beam), np.array(each), 1))
 
         return self._once(("transmittance", height_m, mu.shape, mu.tobytes()), computed)
+
+    def _above(self, height_m: float) -> NDArray[np.float64]:
+        """Optical depth above a height at each wavelength."""
+        return self._once(("above", height_m), lambda: np.array([one.tau_above(height_m) for one in self.columns]))
 
     def _once(self, key: Hashable, compute: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
         """Return a copy of the array kept under a key, computed at the first call."""

@@ -113,6 +113,16 @@ class PanelLight:
         overhead = np.zeros(len(views))
         self._turn_rad = self._local(overhead, overhead, np.arange(len(views))).reflected_rotation_rad
 
+    def __len__(self) -> int:
+        """Return the number of cameras."""
+        return len(self._views)
+
+    def of(self, cameras: IntArray) -> "PanelLight":
+        """Return the panel before some of its cameras."""
+        if len(cameras) == len(self):
+            return self
+        return PanelLight(surface=self._surface, tilt=self._tilt, views=[self._views[k] for k in cameras])
+
     @property
     def is_level(self) -> bool:
         """True if the panel sees the sky alone, and no ground."""
@@ -319,8 +329,9 @@ def reflected_diffuse(panel: PanelLight, light: DiffuseRadiance, *, tolerance: f
         raise ValueError(f"reflected_diffuse: tolerance = {tolerance!r}, but it must be above 0")
     # A tilted panel may see the edge of the ground: its steps must fall regularly once more.
     regular = 2 if panel.is_level else 3
-    lobe = _refined(lambda order: panel.lobe(light, order), tolerance, regular)
-    diffuse = _refined(lambda order: panel.diffuse(light, order), tolerance, regular)
+    cameras = np.arange(len(panel))
+    lobe = _refined(lambda order, of: panel.of(of).lobe(light, order), cameras, tolerance, regular)
+    diffuse = _refined(lambda order, of: panel.of(of).diffuse(light, order), cameras, tolerance, regular)
     stokes = lobe.value + diffuse.value
     s0 = stokes[:, 0]
     of_rules = np.divide(lobe.order_error + diffuse.order_error, s0, out=np.zeros_like(s0), where=s0 > 0.0)
@@ -352,19 +363,24 @@ class _Refined:
     finest: int
 
 
-def _refined(rule: Callable[[int], FloatArray], tolerance: float, regular: int) -> _Refined:
-    """Rules of growing order until the estimated error of the last one is below the tolerance for every camera.
+def _refined(
+    rule: Callable[[int, IntArray], FloatArray], cameras: IntArray, tolerance: float, regular: int
+) -> _Refined:
+    """Rules of growing order until the estimated error of the last one is below the tolerance, for each camera.
 
-    Steps count as regular only from the number `regular` on.
+    Steps count as regular only from the number `regular` on. Cameras for which an order does keep its value.
     """
-    values = [rule(_ORDERS[0])]
-    steps = [np.full(len(values[0]), np.inf)]
+    values = [rule(_ORDERS[0], cameras)]
+    steps, error, left = [np.full(len(cameras), np.inf)], np.zeros(len(cameras)), cameras
     for order in _ORDERS[1:]:
-        values.append(rule(order))
+        values.append(values[-1].copy())
+        values[-1][left] = rule(order, left)
         steps.append(np.max(np.abs(values[-1] - values[-2]), axis=-1))
-        if np.all(_error(steps, regular) <= tolerance * values[-1][:, 0]):
+        error[left] = _error(steps, regular)[left]
+        left = left[~(error[left] <= tolerance * values[-1][left, 0])]
+        if not left.size:
             break
-    value, error, finest = values[-1], _error(steps, regular), _ORDERS[len(values) - 1]
+    value, finest = values[-1], _ORDERS[len(values) - 1]
 
     def error_of(coarser: FloatArray) -> FloatArray:
         return np.asarray(np.max(np.abs(coarser - value), axis=-1) + error)
@@ -374,7 +390,7 @@ def _refined(rule: Callable[[int], FloatArray], tolerance: float, regular: int) 
 
     enough = next((k for k, coarser in enumerate(values) if does(coarser)), len(values) - 1)
     order, by_order = _ORDERS[enough], values[enough]
-    if order in _BETWEEN and does(between := rule(_BETWEEN[order])):
+    if order in _BETWEEN and does(between := rule(_BETWEEN[order], cameras)):
         order, by_order = _BETWEEN[order], between
     return _Refined(value=value, error=error, order=order, order_error=error_of(by_order), finest=finest)
 

@@ -9,7 +9,7 @@ does to noise. `corrected_frames` gives the frames with all of this applied.
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +106,7 @@ class FrameGrid:
         """Unit of what is made of the counts."""
         return "DN" if self.is_one_exposure else "DN/s"
 
-    @property
+    @cached_property
     def times(self) -> FloatArray | None:
         """When each frame was taken, in cycles, shape (cycles, angles), by the order of exposures.
 
