@@ -205,6 +205,9 @@ def _wanted(file: StudyFile, predictors: Sequence[ScenePredictor], tolerance: fl
     if problems:
         names = sorted({name for name, _ in known} | set(_DETECTION))
         raise ConfigError(f"quantities: no scene gives {', '.join(problems)}; there are {', '.join(names)}")
+    if tolerance is None:
+        own = [one.tolerance_of_series(file.cases.parameters) for one in predictors]
+        tolerance = None if None in own else min(filter(None, own))
     detection = any(quantity in _DETECTION for quantity in file.quantities)
     return Wanted(columns=tuple(columns), detection=detection, roc=file.roc, tolerance=tolerance)
 

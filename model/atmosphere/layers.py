@@ -293,11 +293,8 @@ def element_edges(
 
 def slant(depth: NDArray[np.float64], mu: NDArray[np.float64]) -> NDArray[np.float64]:
     """Slant optical depth depth/mu; infinite at the horizon, and 0 where there is no depth."""
-    depth, mu = np.broadcast_arrays(depth, mu)
-    path = np.where(depth > 0.0, np.inf, 0.0)
-    with np.errstate(over="ignore"):  # of cosines next to 0
-        np.divide(depth, mu, out=path, where=mu > 0.0)
-    return path
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of cosines that are 0 or next to it
+        return np.where(depth > 0.0, depth / mu, 0.0)
 
 
 def source_weights(*, path: NDArray[np.float64], part: NDArray[np.float64]) -> NDArray[np.float64]:

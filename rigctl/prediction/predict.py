@@ -57,6 +57,10 @@ if TYPE_CHECKING:
     from rigctl.scene.scene import Scene
 
 
+# Of sweeps and studies to which none was given.
+DEFAULT_TOLERANCE = 0.01
+
+
 def _with_changes(scene: "Scene", changed: Mapping[str, float]) -> "Scene":
     """Return a scene with a changed number, and a remark on the change."""
     found = with_values(scene, changed)
@@ -143,6 +147,17 @@ class ScenePredictor:
         """Return the prediction of this scene with some numbers changed."""
         with as_config_error(f"scene {scene.name}"):
             return predict_scene(scene, readout=self._readout, light=self._light, source=self._source)
+
+    def tolerance_of_series(self, changed: Iterable[str]) -> float | None:
+        """Return the tolerance of a sweep or study that states none.
+
+        None where no light is computed, where the rig differs from its record, and where the scene states the paper's
+        rule for the field of view: nothing is promised of such scenes.
+        """
+        scene = self.scene
+        is_recorded = rig_errors(scene) is None and not any(key.startswith("rig.") for key in changed)
+        is_papers = scene.field_of_view is not None and scene.field_of_view.rule == "midpoint"
+        return DEFAULT_TOLERANCE if scene.has_materials and is_recorded and not is_papers else None
 
     def lit_scene(self, scene: "Scene | None" = None) -> "LitScene":
         """Return the scene as a record of the model."""

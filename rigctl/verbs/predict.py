@@ -164,11 +164,12 @@ def sweep(
 ) -> "SweepResult":
     """Predict a scene over a range of one of its numbers, or over a grid of several.
 
-    With --tolerance, settings and errors are determined at some points and used for the points between them.
+    Where light is computed from materials, --tolerance is 0.01 if it is not given. Settings and errors are determined
+    at some points and used for the points between them.
 
     Example: rigctl sweep examples/scene-airborne.toml sun.zenith_deg=10:80:8 --out sweep
 
-    Example: rigctl sweep examples/scene-airborne.toml sun.zenith_deg=20:60:3 sensor.f_number=2:4:3 --tolerance 0.01
+    Example: rigctl sweep examples/scene-airborne.toml sun.zenith_deg=20:60:3 sensor.f_number=2:4:3 --tolerance 0.001
 
     Parameters
     ----------
@@ -196,13 +197,14 @@ def sweep(
     """
     from rigctl.prediction.sweep import sweep_over, sweep_to_tolerance
 
-    axes, tolerance = _axes(ranges, values), _tolerance(options)
+    axes = _axes(ranges, values)
     twice = [axis.key for axis in axes if axis.key in changes_of(options.get("changes", ()))]
     if twice:
         raise ConfigError(f"RANGES: {twice[0]} is set by --set as well; leave one of them out")
     with solving_shown() as tell:
         predictor, doubts, selected = _predictor(scene, options, tell=tell)
         pair = _pair(options.get("roc"), predictor)
+        tolerance = _tolerance(options, default=predictor.tolerance_of_series(axis.key for axis in axes))
         accuracy: Predictions | None = None
         if tolerance is None:
             swept = sweep_over(predictor, axes, roc=pair)
@@ -526,9 +528,10 @@ def _report(selected: "RigSelection", doubts: Iterable[str]) -> None:
         warn(doubt)
 
 
-def _tolerance(options: PredictOptions) -> float | None:
+def _tolerance(options: PredictOptions, *, default: float | None = None) -> float | None:
     """Return the tolerance; raise ConfigError if an option needs one that is not given."""
-    tolerance = options.get("tolerance")
+    given = options.get("tolerance")
+    tolerance = default if given is None else given
     for option, value in (("effects", options.get("effects")), ("estimated-only", options.get("estimated_only"))):
         if tolerance is None and value:
             raise ConfigError(f"--{option}: needs a tolerance; give --tolerance T too")

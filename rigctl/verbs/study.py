@@ -35,7 +35,7 @@ def study(
     requested, and sensitivity.csv, .json and .png for studies of kind sobol.
 
     Finished cases are kept. Ctrl-C stops (exit code 75), and the same command continues. A case that fails is a row
-    with its reason. Cases under the same sky are computed together, which saves most of the time. With --tolerance,
+    with its reason. Cases under the same sky are computed together, which saves most of the time. With a tolerance,
     settings are determined for some cases of a batch and used for their neighbours.
 
     Example: rigctl study examples/study-panels.toml --out panels-study --workers 2
@@ -47,7 +47,7 @@ def study(
     out : path
         Folder for study.zarr, tables, and the finished cases.
     tolerance : float
-        Largest numerical error of each case, 1e-6 to 0.1; default: the settings of the scene file.
+        Largest numerical error of each case, 1e-6 to 0.1; default: 0.01 where light is computed from materials.
     **options
         Where the cases are computed, see `EngineOptions`.
     """
