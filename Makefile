@@ -30,9 +30,9 @@ check: $(STAMP)
 docs: $(DOCS_STAMP)
 	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
 
-# The picture of a report in README and the index; needs Chromium.
+# The pictures of the pages, by the commands that the pages show; needs Chromium.
 pictures: $(STAMP)
-	$(BIN)/python -m docs.report_picture
+	$(BIN)/python -m docs.make_pictures
 
 # Writes the table of docs/benchmarks.md; `python -m benchmarks.peers` makes the programs of others that are timed beside
 # ours.

@@ -6,8 +6,10 @@ from importlib.metadata import version as installed_version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pygments.lexers.special import TextLexer
 from sphinx.highlighting import lexers
+from sphinx.util import logging
 
 DOCS = Path(__file__).parent
 sys.path.insert(0, str(DOCS.parent))
@@ -73,6 +75,18 @@ def _write_reference(_: Any) -> None:
     write_pages(DOCS)
 
 
+def _try_search(app: Any, _: Any) -> None:
+    """Warn if the search of the site finds no page for one of these questions: each word, by its stem, on one page."""
+    index = getattr(app.builder, "indexer", None)
+    for question in ("dark current", "exposure too long", "port busy") if index is not None else ():
+        terms = index.freeze()["terms"]
+        words = [index.lang.stem(word) for word in question.split() if index.lang.word_filter(word)]
+        pages = [set(np.atleast_1d(terms.get(word, [])).tolist()) for word in words]
+        if not set.intersection(*pages):
+            logging.getLogger(__name__).warning("the search of the site finds nothing for: %s", question)
+
+
 def setup(app: Any) -> None:
-    """Have pages that are made from the code written before they are read."""
+    """Have pages that are made from the code written before they are read, and try the search of the site."""
     app.connect("builder-inited", _write_reference)
+    app.connect("build-finished", _try_search)
