@@ -185,7 +185,7 @@ class NumericalAccuracy:
         own = self.in_tolerance(region, counts_name(angle_of(quantity.removeprefix(_RATIO))), "mean")
         of_counts = ratio * (own + max(self.in_tolerance(region, name, "mean") for name in counts))
         turned = hypot(*(self.in_tolerance(region, name, "mean") for name in ("s1n", "s2n")))
-        # The mean of the channels over that of unpolarised light: they are (S0 + S1 cos + S2 sin) / 2.
+        # The mean of the channels over that of unpolarized light: they are (S0 + S1 cos + S2 sin) / 2.
         level = 2.0 * sum(numbers[name]["mean"] for name in counts) / len(counts) / numbers["s0"]["mean"]
         return min(of_counts, turned * (1.0 + ratio) / level + _NOT_LINEAR * of_counts)
 

@@ -456,7 +456,7 @@ def _fig9(scenes: PaperScenes) -> _Figure:
             _snr_curve(scenes, _TURNED, _AZIMUTHS_DEG, at, turned=True),
         ]
         if scenes.snr_form == "exact":
-            label = f"of unpolarised light, {UNPOLARIZED_SNR:.3f}"
+            label = f"of unpolarized light, {UNPOLARIZED_SNR:.3f}"
             curves.append(_curve(label, _AZIMUTHS_DEG, [UNPOLARIZED_SNR] * len(at), marker="", line="-."))
         title = f"({letter}) sun 25, view {view:g}"
         panels.append(_snr_panel(scenes, letter, title, "relative azimuth phi [deg]", curves))

@@ -168,7 +168,7 @@ class PaperScenes:
         """
         case = self._turned(at, source) if turned and source != "reflected" else self._of(at, source)
         statistic = "mean" if self.snr_form == "exact" else "first_order"
-        # Wholly unpolarised light has no first-order ratio: it is 0.
+        # Wholly unpolarized light has no first-order ratio: it is 0.
         value = case.predictions[TARGET].quantities.get("dolp_snr", {}).get(statistic, 0.0)
         error = case.errors.get(Reading(TARGET, "dolp_snr", statistic), 0.0)
         kind: Kind = "exact_snr" if self.snr_form == "exact" else "plain"

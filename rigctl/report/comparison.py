@@ -851,7 +851,7 @@ def _strength(comparison: Comparison) -> Iterable[Section]:
     performance = comparison.performance
     strength = (
         "By the model, for single pixels of one cycle: quantiles of DoLP by its exact law; the method for mean and "
-        "deviation of DoLP, with its estimated error; NEDoLP, the deviation of DoLP that unpolarised "
+        "deviation of DoLP, with its estimated error; NEDoLP, the deviation of DoLP that unpolarized "
         "light of this intensity would show by temporal noise."
     )
     blocks: tuple[Block, ...] = (strength, strength_table(comparison.predictions, performance))

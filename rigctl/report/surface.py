@@ -102,7 +102,7 @@ def _principal_plane(sheet: SurfaceSheet) -> Table[ReflectedLight]:
         Column(title="DoLP", text=lambda light: _or_dash(light.dolp)),
     )
     title = (
-        f"principal plane, sun at {sheet.sun_zenith_deg:g} deg, unpolarised light; "
+        f"principal plane, sun at {sheet.sun_zenith_deg:g} deg, unpolarized light; "
         "camera zenith: positive towards the glint, negative on the sun's side"
     )
     return Table(title=title, columns=columns, rows=sheet.principal_plane)
@@ -160,8 +160,8 @@ def _reflectance(sheet: SurfaceSheet) -> Table[Reflectance]:
         Column(title="error", text=lambda given: f"{given.error:.0e}"),
     )
     title = (
-        "directional-hemispherical reflectance (DHR) by angle of incidence: unpolarised light, its specular part, and "
-        "light polarised horizontally and vertically"
+        "directional-hemispherical reflectance (DHR) by angle of incidence: unpolarized light, its specular part, and "
+        "light polarized horizontally and vertically"
     )
     return Table(title=title, columns=columns, rows=sheet.reflectance)
 
@@ -193,7 +193,7 @@ def surface_picture(sheet: SurfaceSheet, stokes: FloatArray) -> bytes:
     intensity.set_ylim(*_shown_range(stokes[:, 0], _DECADES_OF_CURVE))
     intensity.set_ylabel("F00 [1/sr]")
     polarization.plot(CURVE_DEG, _degree(stokes), color=_UNPOLARISED)
-    polarization.set_ylabel("DoLP of unpolarised light")
+    polarization.set_ylabel("DoLP of unpolarized light")
     polarization.set_ylim(-0.02, 1.02)
     for ax in (intensity, polarization):
         _mark_sun(ax, sheet.sun_zenith_deg)
@@ -214,7 +214,7 @@ def surfaces_picture(sheets: Sequence[SurfaceSheet]) -> bytes:
         intensity.semilogy(at, [light.f00_per_sr for light in seen], ".-", label=sheet.material)
         polarization.plot(at, [light.dolp for light in seen], ".-")
     intensity.set_ylabel("F00 [1/sr]")
-    polarization.set_ylabel("DoLP of unpolarised light")
+    polarization.set_ylabel("DoLP of unpolarized light")
     polarization.set_ylim(-0.02, 1.02)
     for ax in (intensity, polarization):
         _mark_sun(ax, sheets[0].sun_zenith_deg)
@@ -233,7 +233,7 @@ def hemisphere_picture(sheet: SurfaceSheet, stokes: FloatArray) -> bytes:
     brightness, degree = _positive(stokes[..., 0]), _degree(stokes)
     panels = (
         (brightness, LogNorm(*_shown_range(stokes[..., 0], _DECADES_OF_HEMISPHERE)), "F00 [1/sr]", "viridis"),
-        (degree, Normalize(0.0, np.nanmax(degree, initial=_LEAST_DEGREE)), "DoLP of unpolarised light", "magma"),
+        (degree, Normalize(0.0, np.nanmax(degree, initial=_LEAST_DEGREE)), "DoLP of unpolarized light", "magma"),
     )
     axes = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
     for ax, (values, norm, label, cmap) in zip(axes, panels, strict=True):
@@ -247,10 +247,10 @@ def hemisphere_picture(sheet: SurfaceSheet, stokes: FloatArray) -> bytes:
 def _draw_reflectance(ax: Axes, sheet: SurfaceSheet) -> None:
     zenith_deg = [given.zenith_deg for given in sheet.reflectance]
     for values, colour, style, label in (
-        ([given.total for given in sheet.reflectance], _UNPOLARISED, "-", "unpolarised light"),
-        ([given.horizontal for given in sheet.reflectance], _POLARISED, "--", "polarised horizontally"),
-        ([given.vertical for given in sheet.reflectance], _POLARISED, ":", "polarised vertically"),
-        ([given.specular for given in sheet.reflectance], _SPECULAR, "-.", "unpolarised, specular lobe alone"),
+        ([given.total for given in sheet.reflectance], _UNPOLARISED, "-", "unpolarized light"),
+        ([given.horizontal for given in sheet.reflectance], _POLARISED, "--", "polarized horizontally"),
+        ([given.vertical for given in sheet.reflectance], _POLARISED, ":", "polarized vertically"),
+        ([given.specular for given in sheet.reflectance], _SPECULAR, "-.", "unpolarized, specular lobe alone"),
     ):
         ax.plot(zenith_deg, values, style, color=colour, label=label)
     ax.axhline(1.0, color="0.7", linewidth=0.8)

@@ -27,7 +27,7 @@ _STEP = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class ReflectedLight:
-    """Unpolarised light after reflection into one direction of the principal plane."""
+    """Unpolarized light after reflection into one direction of the principal plane."""
 
     #: Positive toward the mirror direction, negative on the sun's side.
     camera_zenith_deg: float
@@ -41,9 +41,9 @@ class Reflectance:
     """Directional-hemispherical reflectance at one angle of incidence."""
 
     zenith_deg: float  #: Angle of incidence.
-    total: float  #: Of unpolarised light: of the surface, and the part of it that is the specular lobe's.
+    total: float  #: Of unpolarized light: of the surface, and the part of it that is the specular lobe's.
     specular: float
-    horizontal: float  #: Of light that is fully polarised that way.
+    horizontal: float  #: Of light that is fully polarized in this direction.
     vertical: float
     error: float  #: Estimated numerical error.
 
@@ -83,7 +83,7 @@ def surface_sheet(material: Material, surface: Surface, *, wavelength_nm: float,
 
 
 def reflected_maps(surface: Surface, *, sun_zenith_deg: float) -> tuple[FloatArray, FloatArray]:
-    """Return Stokes radiance over irradiance of unpolarised light, at the resolution of the figures [sr^-1].
+    """Return Stokes radiance over irradiance of unpolarized light, at the resolution of the figures [sr^-1].
 
     In the principal plane, at `CURVE_DEG`; and over all directions of the camera, at zenith angles `RINGS_DEG` and
     azimuths `ROUND_DEG` from the sun's, clockwise from above. NaN outside a table's measurements.
@@ -101,7 +101,7 @@ def reflected_maps(surface: Surface, *, sun_zenith_deg: float) -> tuple[FloatArr
 
 
 def principal_plane(surface: Surface, camera_zenith_rad: FloatArray, *, sun_zenith_rad: float) -> FloatArray:
-    """Return Stokes radiance over irradiance of unpolarised light, shape (N, 3) [sr^-1]; see `ReflectedLight`."""
+    """Return Stokes radiance over irradiance of unpolarized light, shape (N, 3) [sr^-1]; see `ReflectedLight`."""
     phi = np.where(camera_zenith_rad >= 0.0, np.pi, 0.0)
     return mueller(sun_zenith_rad, np.abs(camera_zenith_rad), phi, surface=surface)[..., 0]
 
@@ -114,7 +114,7 @@ def readings_at(
     *,
     surface_of: Callable[[Material], Surface],
 ) -> tuple[FloatArray, FloatArray]:
-    """Return f00, S1/S0, S2/S0 and DoLP of reflected unpolarised light, shape (N, 4), and their standard uncertainty.
+    """Return f00, S1/S0, S2/S0 and DoLP of reflected unpolarized light, shape (N, 4), and their standard uncertainty.
 
     To first order from the properties' own, which count as independent. `surface_of` makes the surface of a material.
     """

@@ -65,7 +65,7 @@ def surface(
         Model of the diffuse term, in place of the one of the material.
     at : path
         CSV file of geometries with the columns incidence_deg, reflection_deg, azimuth_deg (180 is forward) and, if it
-        varies, wavelength_nm. They are printed as CSV with f00_per_sr and, for unpolarised incident light, s1 and s2
+        varies, wavelength_nm. They are printed as CSV with f00_per_sr and, for unpolarized incident light, s1 and s2
         (over S0), dolp and their standard uncertainties.
     out : path
         Folder for surface.png (against angle), hemisphere.png (all directions of the camera) and surface.json; with
