@@ -1,4 +1,4 @@
-"""Makes the pictures of the pages from the program itself: `make pictures`. Screenshots need Chromium."""
+"""Makes the pictures of the pages: `make pictures`. Needs Chromium and the extras browser and infer."""
 
 import json
 import shutil
@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 
 from PIL import Image
+from playwright.sync_api import Browser, sync_playwright
 
 from rigctl.cli import main as rigctl
 
@@ -24,6 +25,7 @@ _COMMANDS = {
     "effects examples/scene-airborne.toml --out effects": "effects/effects.png",
     "surface black-paint --sun-zenith-deg 50 --out surface": "surface/surface.png",
     "surface examples/measured-panel.csv --wavelength-nm 550 --out measured": "measured/hemisphere.png",
+    "acquire examples/rig-sim.toml examples/session.toml --regions examples/regions.toml --out panels": None,
     f"acquire {_ROOF} --out noon": None,
     "infer noon examples/scene-roof.toml --input regions.asphalt.dhr --input regions.asphalt.slope_rms --out infer": (
         "infer/corner.png"
@@ -35,40 +37,39 @@ _NAMES = {"pictures.png": "stokes.png", "hemisphere.png": "measured-surface.png"
 
 def main() -> None:
     """Run the commands, and take screenshots of a report and of a page of `rigctl serve`."""
-    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if browser is None:
-        sys.exit("needs Chromium: apt-get install chromium")
     examples = Path(__file__).parents[1] / "examples"
-    with tempfile.TemporaryDirectory() as made:
+    after = ("--out", "--plot", "--run", "--noise", "--regions")
+    with tempfile.TemporaryDirectory() as made, sync_playwright() as playwright:
         for command, picture in _COMMANDS.items():
             words = [word.replace("examples/", f"{examples}/") for word in command.split()]
-            after = ("--out", "--plot", "--run", "--noise", "--regions")
             words = [
-                f"{made}/{word}" if before in after or word in ("demo/run", "noon") else word
+                f"{made}/{word}"
+                if (before in after and not word.startswith("/")) or word in ("demo/run", "noon")
+                else word
                 for before, word in zip(["", *words], words, strict=False)
             ]
             if rigctl(words) != 0:
                 sys.exit(f"failed: rigctl {command}")
             if picture is not None:
-                name = Path(picture).name
-                _keep(Path(made, picture), _NAMES.get(name, name))
-        _screenshot(browser, f"file://{made}/demo/report.html", "report.png")
-        serve = [sys.executable, "-m", "rigctl", "serve", f"{made}/demo/run", "--json"]
+                _keep(Path(made, picture), _NAMES.get(Path(picture).name, Path(picture).name))
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        _screenshot(browser, f"file://{made}/demo/report.html", "report.png", wait_for="img")
+        serve = [sys.executable, "-m", "rigctl", "serve", f"{made}/panels", "--json"]
         with subprocess.Popen(serve, stdout=subprocess.PIPE, text=True) as server:
             try:
-                _screenshot(browser, json.loads(next(iter(server.stdout or ())))["look_url"], "watching.png")
+                address = json.loads(next(iter(server.stdout or ())))["look_url"]
+                _screenshot(browser, address, "watching.png", wait_for="#plot-dolp canvas")
             finally:
                 server.terminate()
 
 
-def _screenshot(browser: str, address: str, name: str) -> None:
-    # The page of `serve` loads its pictures through a socket after it is complete.
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--timeout=20000"]
+def _screenshot(browser: Browser, address: str, name: str, *, wait_for: str) -> None:
+    page = browser.new_page(viewport={"width": _WIDTH, "height": _HEIGHT})
+    page.goto(address)
+    page.wait_for_selector(wait_for)
     with tempfile.TemporaryDirectory() as made:
-        picture = Path(made, name)
-        options += [f"--window-size={_WIDTH},{_HEIGHT}", f"--screenshot={picture}"]
-        subprocess.run([browser, *options, address], check=True, capture_output=True)
-        _keep(picture, name)
+        page.screenshot(path=f"{made}/{name}")
+        _keep(Path(made, name), name)
 
 
 def _keep(picture: Path, name: str) -> None:

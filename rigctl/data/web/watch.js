@@ -173,7 +173,7 @@ function angles(frames) {
   for (const button of $("angles").children) button.setAttribute("aria-selected", button.dataset.name === selected);
   const one = frames.find((frame) => frame.name === selected);
   $("frame").hidden = !one; $("frame-text").className = one ? "" : "empty";
-  $("frame-text").textContent = one ? `${utc(one.utc)}, ${one.exposure_ms === null ? "exposure not known" : Number(one.exposure_ms.toPrecision(4)) + " ms"}, ${percent(one.clipped)} saturated (striped red); stretched for the eye` : "No frame yet.";
+  $("frame-text").textContent = one ? `${utc(one.utc)}, ${one.exposure_ms === null ? "exposure not known" : Number(one.exposure_ms.toPrecision(4)) + " ms"}, ${percent(one.clipped)} saturated (striped red); contrast stretched` : "No frame yet.";
 }
 
 function controls(state) {
