@@ -219,9 +219,9 @@ class AccuracyTradeoff(Result):
                 one for name in (EVERY_10_DEG, PLANNED_GRID) for one in self.curves.named if one.name == name
             )
             yield (
-                f"A {EVERY_10_DEG} is no level of the planner: with all other settings the same, {PLANNED_GRID} "
-                f"({planned.seconds:.2g} s) errs by {_error(planned.error)}, and that ({kept.seconds:.2g} s) by "
-                f"{_error(kept.error)}."
+                f"The planner has a sky as good: with all other settings the same, {PLANNED_GRID} errs by "
+                f"{_error(planned.error)} ({planned.seconds:.2g} s), a {EVERY_10_DEG} by {_error(kept.error)} "
+                f"({kept.seconds:.2g} s)."
             )
 
     def as_json(self) -> dict[str, Json]:
