@@ -31,6 +31,8 @@ from rigctl.measure.measure import Measurement, signal_of_cycle
 
 if TYPE_CHECKING:
     from rigctl.comparison.rows import Row
+    from rigctl.runs.folder import Run
+    from rigctl.runs.records import FrameRecord
 
 FloatArray = NDArray[np.float64]
 Verdict = Literal["sound", "flagged", "refused", "not testable"]
@@ -217,7 +219,7 @@ def _plateau(measurement: Measurement) -> Iterable[Check]:
     """Flag frames in which many pixels share a largest count below the stated saturation."""
     run, said = measurement.run, list[str]()
     for record in measurement.grid.records[0]:
-        found = saturation_plateau(histogram(run.counts(record)), full_scale_dn=int(record.saturation_dn))
+        found = saturation_plateau(_received(run, record), full_scale_dn=int(record.saturation_dn))
         if found is not None:
             angle = "" if record.polarizer_angle_deg is None else f" at {record.polarizer_angle_deg:g} deg"
             said.append(f"{found.fraction:.1%} of the frame{angle} at {found.value_dn} DN")
@@ -230,10 +232,16 @@ def _plateau(measurement: Measurement) -> Iterable[Check]:
         )
 
 
+def _received(run: "Run", record: "FrameRecord") -> NDArray[np.int64]:
+    """Return the histogram of a frame without the count that marks missing pixels."""
+    counts = run.counts(record)
+    return histogram(counts if record.missing_dn is None else counts[counts != record.missing_dn])
+
+
 def _bits(measurement: Measurement) -> Iterable[Check]:
     """Flag counts whose histogram is not that of a camera in half of the frames or more."""
     run, records = measurement.run, measurement.grid.records[0]
-    found = [text for record in records if (text := odd_pattern(histogram(run.counts(record))))]
+    found = [text for record in records if (text := odd_pattern(_received(run, record)))]
     if 2 * len(found) >= len(records):
         yield Check(
             name="odd bits", verdict="flagged", text=f"{found[0]}; counts are rounded more coarsely than their bits"

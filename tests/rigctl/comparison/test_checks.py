@@ -49,8 +49,8 @@ def scene() -> list[Picture]:
     return frames
 
 
-def checked(folder: Path, frames: list[Picture]) -> dict[str, Check]:
-    run = make_run(folder / "run", [(at(angle), np.rint(f)) for angle, f in zip(ANGLES, frames, strict=True)])
+def checked(folder: Path, frames: list[Picture], **facts: object) -> dict[str, Check]:
+    run = make_run(folder / "run", [(at(angle, **facts), np.rint(f)) for angle, f in zip(ANGLES, frames, strict=True)])
     region = Region.model_validate({"name": "all", "rectangle": {"x": 10, "y": 10, "width": 180, "height": 180}})
     return {check.name: check for check in run_checks(measure_run(run, [region]))}
 
@@ -148,6 +148,9 @@ def test_frames_cut_off_below_the_stated_saturation_are_flagged(tmp_path: Path) 
     assert found["largest count"].verdict == "flagged"
     assert "20.0% of the frame at 45 deg" in found["largest count"].text
     assert "largest count" not in checked(tmp_path / "sound", scene())
+    # A count that marks a border of missing pixels is not a count.
+    bordered = [np.pad(frame[8:-8, 8:-8], 8, constant_values=4094.0) for frame in scene()]
+    assert "largest count" not in checked(tmp_path / "bordered", bordered, missing_dn=4094.0)
 
 
 def row(quantity: str, agrees: bool | None, statistic: str = "mean", values: tuple[float, float] = (1.0, 1.0)) -> Row:
