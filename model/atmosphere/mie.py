@@ -201,7 +201,7 @@ class TabulatedSizes:
 
     @property
     def ends_vanish(self) -> bool:
-        """Never: a table has corners."""
+        """False: a table has corners."""
         return False
 
     def number_per_log_radius(self, radius_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -663,7 +663,7 @@ _LARGEST_SIZE, _SMALLEST_SIZE = 2e4, 1e-8
 
 
 def _check(size_parameter: NDArray[np.float64], n: float, k: float) -> None:
-    """Refuse what the series does not cover."""
+    """Raise ValueError for sizes or indices that the series does not cover."""
     allowed = (size_parameter >= _SMALLEST_SIZE) & (size_parameter <= _LARGEST_SIZE)
     if size_parameter.ndim != 1 or size_parameter.size == 0 or not np.all(allowed):
         raise ValueError(
@@ -754,7 +754,7 @@ def _product(coefficients: NDArray[np.complex128], functions: NDArray[np.float64
 
 
 def expand(grid: AngularGrid, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Coefficients a1, a2, a3, b1 of a matrix as `sphere_sums` has it, the groups added, shape (L, 4).
+    """Coefficients a1, a2, a3, b1 of a matrix of `sphere_sums`, summed over the groups, shape (L, 4).
 
     As in `model.atmosphere.layers.expansion_coefficients`; L is twice the terms of the largest sphere, plus 1.
 

@@ -60,7 +60,7 @@ class Lighting(Protocol):
 
 
 class Fidelity(StrEnum):
-    """Levels of effort."""
+    """Tiers of the computation, from a formula to the full solution."""
 
     ANALYTIC = "analytic"
     SINGLE = "single"
@@ -145,13 +145,13 @@ class DiffuseLight(Protocol):
 
     @property
     def converged(self) -> bool:
-        """True if what was asked for was reached."""
+        """True if the requested tolerance was reached."""
         ...
 
     def stokes(
         self, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike, *, looking: Literal["up", "down"]
     ) -> NDArray[np.float64]:
-        """Stokes radiance as `model.atmosphere.solver.Solution.stokes` has it, shape (..., 3) [sr-1]."""
+        """Stokes radiance as in `model.atmosphere.solver.Solution.stokes`, shape (..., 3) [sr-1]."""
         ...
 
 
@@ -170,7 +170,7 @@ class HowToSolve(TypedDict):
 
 
 class _SolverFor(Protocol[Light]):
-    """A call like that of `model.atmosphere.solver.solve`."""
+    """Function with the arguments of `model.atmosphere.solver.solve`."""
 
     def __call__(self, layers: tuple[Layer, ...], **how: Unpack[HowToSolve]) -> Light:
         """Solve one wavelength."""
@@ -805,13 +805,13 @@ class _ExtrapolatedLight:
 
     @property
     def converged(self) -> bool:
-        """True if both have what was asked for."""
+        """True if both reached the requested tolerance."""
         return self.coarse.converged and self.fine.converged
 
     def stokes(
         self, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike, *, looking: Literal["up", "down"]
     ) -> NDArray[np.float64]:
-        """Stokes radiance as `model.atmosphere.solver.Solution.stokes` has it, shape (..., 3) [sr-1]."""
+        """Stokes radiance as in `model.atmosphere.solver.Solution.stokes`, shape (..., 3) [sr-1]."""
         coarse, fine = (one.stokes(tau_above, mu, phi_rad, looking=looking) for one in (self.coarse, self.fine))
         return _extrapolated(coarse, fine)
 

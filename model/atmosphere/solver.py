@@ -294,7 +294,7 @@ _SMALLEST_MU0 = cos(radians(85.0)) - 1e-12  # rounding of a caller's 85 degrees
 
 
 def check_scene(*, mu0: float, albedo: float) -> None:
-    """Refuse what the physics does not cover."""
+    """Raise ValueError for geometry that the equations do not cover."""
     if not mu0 <= 1.0:
         raise ValueError(f"solve: mu0 = {mu0!r}, but the cosine of the solar zenith angle is at most 1")
     if mu0 < _SMALLEST_MU0:
@@ -432,7 +432,7 @@ def _azimuth_sum(modes: range, radiance: NDArray[np.float64], phi_rad: NDArray[n
 
 
 def _check_settings(*, nodes: int, element_depth: float, tolerance: float, max_orders: int) -> None:
-    """Refuse numerical settings without meaning."""
+    """Raise ValueError for impossible numerical settings."""
     for name, value, least in (("nodes", nodes, 4), ("max_orders", max_orders, 1)):
         if value < least:
             raise ValueError(f"solve: {name} = {value!r}, allowed is {least} or more")

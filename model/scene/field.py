@@ -119,7 +119,7 @@ def part_of_picture(
 
 @dataclass(frozen=True, kw_only=True)
 class Tile:
-    """One tile: how its ground sees the camera, and its share of the field."""
+    """One tile: direction of the camera from its ground, and its share of the field."""
 
     view: View
     weight: float
@@ -166,12 +166,12 @@ def middle(part: FieldPart) -> tuple[float, float]:
 
 
 def off_axis(view: View, *, right: float, up: float) -> View:
-    """Return the view of the ground that a camera sees beside its axis."""
+    """Return the view of the ground that a camera sees off its axis."""
     return views_off_axis(view, right=np.array([right]), up=np.array([up]))[0]
 
 
 def views_off_axis(view: View, *, right: FloatArray, up: FloatArray) -> tuple[View, ...]:
-    """Return what `off_axis` does for each of several lines of sight."""
+    """Return the result of `off_axis` for several lines of sight."""
     toward = geometry.direction(zenith_rad=view.zenith_rad, azimuth_rad=view.azimuth_rad)
     level = geometry.horizontal_axis(view.azimuth_rad, travels_to_target=False)
     upright = np.cross(toward, level)
@@ -212,7 +212,7 @@ _NODES = 24
 
 @dataclass(frozen=True, kw_only=True)
 class Falloff:
-    """Mean and variance over the pixels of what the lens lets through, 1 on its axis."""
+    """Mean and variance over the pixels of the transmittance of the lens, which is 1 on its axis."""
 
     mean: float
     var: float
@@ -249,12 +249,10 @@ class FieldLight:
     lights, weights
         Of the tiles; the weights sum to 1. One tile where the field is narrow.
     spread
-        What five directions (centre and the middles of the edges) say of the field: standard deviation over it and
-        shift of its mean from the centre, largest component over S0; 0 for a point, not a number where it was not
-        asked for.
+        Standard deviation over the field and shift of its mean from the centre, the larger of both over S0, from five
+        directions (centre and middles of the edges); 0 for a point, NaN if not requested.
     finer
-        Tile to its light by the finest rules of the hemisphere integral that were tried, for those which showed what
-        rules suffice for all.
+        Light by the finest rules of the hemisphere integral, for the tiles on which the rules were chosen.
     """
 
     lights: tuple[ApertureLight, ...]
@@ -277,7 +275,7 @@ class FieldLight:
         return np.asarray(np.array(self.weights) @ self._values(source))
 
     def with_parts(self, *, skylight: bool, path: bool) -> "FieldLight":
-        """Return the same light without what the sky or the path sends."""
+        """Return the same light without the reflected skylight or the light of the path."""
         lights = tuple(one.with_parts(skylight=skylight, path=path) for one in self.lights)
         finer = {place: one.with_parts(skylight=skylight, path=path) for place, one in self.finer.items()}
         return replace(self, lights=lights, finer=finer)
@@ -388,7 +386,7 @@ def lights_over_tiles(
 
 
 def _corners(side: int) -> list[int]:
-    """Return which of so many tiles a side are the corners and the middle."""
+    """Return the positions of the corner and middle tiles, for a number of tiles a side."""
     last, middle = side**2 - 1, (side // 2) * (side + 1)
     return sorted({0, side - 1, middle, last - side + 1, last})
 
@@ -456,9 +454,10 @@ def before_lens(
 ) -> FieldLight:
     """Return a region's light with that of its near surroundings mixed in on the way to the camera.
 
-    The surroundings are Lambertian and wide beside the height of the camera; what they send up is taken as unpolarised,
-    since it comes from all sides. With transmittance T of the line of sight T^b - T of it arrive, b = 0.3: that
-    scattered forward. It can be negative: darker surroundings take away what the path holds already.
+    The surroundings are Lambertian, and wide compared with the height of the camera. Their light is taken as
+    unpolarised, since it comes from all sides. Where the line of sight has the transmittance T, a share T^b - T of it
+    is scattered forward into the camera, b = 0.3. The added light is negative if the surroundings are darker than the
+    ground that the path was computed with.
 
     Definition; for the split of direct and diffuse transmittance Kaufman, J. Geophys. Res. 84 (1979) 3165.
     """

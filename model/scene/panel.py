@@ -66,8 +66,8 @@ IntArray = NDArray[np.intp]
 _OVERHEAD = 1e-9
 # So many nodes at a time stay in the processor's cache.
 _BLOCK = 8192
-# Few nodes are better spent where most facets are: slopes are taken up to so many standard deviations, and so many more
-# for each order. With these the rules of order 6 to 12 miss a half to a tenth of what they miss up to seven.
+# Rules of low order sample only the slopes that most facets have: up to this many standard deviations, and more with
+# each order. Their errors at orders 6 to 12 are a half to a tenth of those of rules that go to seven deviations.
 _LEAST_CUT, _CUT_BY_ORDER = 2.9, 0.15
 # Matrices of the nodes are kept for other suns and heights: many rules of few nodes, few rules of many nodes.
 _FEW_NODES, _MANY_NODES = 1024, 4096
@@ -91,7 +91,7 @@ class _Rule:
 
 
 class PanelLight:
-    """A panel before V cameras; its reflections are in each camera's horizontal frame, without roll."""
+    """A panel seen by V cameras; its reflected light is in each camera's horizontal frame, without roll."""
 
     def __init__(self, *, surface: Surface, tilt: Tilt, views: Sequence[View]) -> None:
         """Set a panel before cameras."""
@@ -125,7 +125,7 @@ class PanelLight:
 
     @property
     def is_level(self) -> bool:
-        """True if the panel sees the sky alone, and no ground."""
+        """True if only the sky, and no ground, lies before the panel."""
         return self._tilt.tilt_rad == 0.0
 
     def sun(self, *, zenith_rad: float, azimuth_rad: float, irradiance: float) -> FloatArray:
@@ -173,7 +173,7 @@ class PanelLight:
         return self._to_cameras(found)
 
     def _rules(self, order: int, *, specular: bool) -> Iterable[_Rule]:
-        """Nodes of the lobe or of the diffuse term, block by block, made where they are not kept."""
+        """Nodes of the lobe or of the diffuse term, block by block, from the cache or made anew."""
         nodes = order**2 * len(self._views)
         if nodes > _MANY_NODES:
             return self._lobe_rules(order) if specular else self._diffuse_rules(order)
@@ -216,7 +216,7 @@ class PanelLight:
         return _Rule(nodes=nodes, camera=camera, turn_rad=turn_rad, mueller=self._mueller(local, specular=specular))
 
     def _mirrored(self, x: FloatArray, y: FloatArray, weight: FloatArray, camera: IntArray) -> tuple[Nodes, IntArray]:
-        """Directions that facets of slopes x, y mirror to a camera, of those before the panel; and to which camera."""
+        """Directions before the panel that facets of slopes x, y mirror to a camera, and the number of that camera."""
         cos_r, sin_r = np.cos(self._theta_r_rad)[camera], np.sin(self._theta_r_rad)[camera]
         seen, secant2 = cos_r + x * sin_r, 1.0 + x**2 + y**2
         twice = 2.0 * seen / secant2
@@ -290,17 +290,18 @@ _TAIL = 3e-5
 # Each rule is compared with the one before it; where the finer one is needed, the one between the two is tried.
 _ORDERS = (6, 10, 14, 20, 34, 48, 72)
 _BETWEEN = {10: 8, 14: 12, 20: 17, 34: 26, 48: 40, 72: 60}
-# A step that is no more than this share of the one before falls regularly.
+# Steps decrease regularly if each is at most this share of the one before.
 _REGULAR = 0.25
-# Error of regular steps, over the last step; and at least over the one before, since one may be small by chance.
+# Error after regular steps: this factor times the last step, and at least this share of the step before it, since one
+# step may be small by chance.
 _MARGIN, _LEAST_LEFT = 1.5, 0.2
-# Error of irregular steps, over the larger of the last two; the one before these counts by this share.
+# Error after irregular steps: this factor times the larger of the last two; the step before counts by this share.
 _IRREGULAR, _EARLIER = 3.0, 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """Orders of the quadrature for lobe and diffuse term, as `model.scene.panel.PanelLight` takes them."""
+    """Orders of the quadrature for lobe and diffuse term."""
 
     lobe: int
     diffuse: int
@@ -415,7 +416,7 @@ def _error(steps: list[FloatArray], regular: int) -> FloatArray:
     return np.asarray(np.where(last == 0.0, 0.0, careful))
 
 
-# Of a panel on which no skylight falls.
+# Rules of a panel without skylight.
 _NO_RULES = Rules(lobe=2, diffuse=2)
 
 
@@ -443,7 +444,7 @@ class ApertureLight:
         return self.reflected + self.path
 
     def with_parts(self, *, skylight: bool, path: bool) -> "ApertureLight":
-        """Return the same light without what the sky or the path sends."""
+        """Return the same light without the reflected skylight or the light of the path."""
         found = self if path else replace(self, path=np.zeros(3))
         return (
             found

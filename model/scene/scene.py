@@ -191,7 +191,7 @@ class LitRegion:
     radiance
         Mean Stokes radiance at the aperture, shape (3,) [W m-2 sr-1, in band]; None for a material.
     texture_rms, texture_diagonal, texture_cov
-        As `model.scene.field.FieldLight.moments` takes them.
+        As in `model.scene.field.FieldLight.moments`.
 
     Raises
     ------
@@ -291,5 +291,5 @@ class LitScene:
 
     @property
     def sensor_height_m(self) -> float:
-        """Over the ground [m]; 0 where no light of the air is asked for."""
+        """Height over the ground [m]; 0 if the light of the air is not computed."""
         return 0.0 if self.view is None else self.view.height_m

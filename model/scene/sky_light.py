@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 
 
 class Sky(Protocol):
-    """Stokes radiance of the sky by direction; `model.atmosphere.sky.Lighting.sky` is one."""
+    """Function from a direction to the Stokes radiance of the sky, such as `model.atmosphere.sky.Lighting.sky`."""
 
     def __call__(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
         """Return S0, S1, S2 in the frame of each direction's own azimuth, shape (..., 3) [W m-2 sr-1]."""
@@ -140,7 +140,7 @@ class MixedSky:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SampledSky:
-    """A sky on a grid; call it like the sky it was made from."""
+    """A sky on a grid; takes the same arguments as the sky that was sampled."""
 
     series: FloatArray
     aureole: Aureole
@@ -170,7 +170,7 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
     Zenith angle and azimuth are coordinates in which a sky is smooth, also at the zenith, where its frame turns: the
     series converge geometrically, as fast as the phase function of the aerosol lets them. A bright aureole is divided
     out first, as sampled on the ring of the sun's own zenith angle, and so is the brightening of thin air toward the
-    horizon. A polynomial follows neither, and would leave ripples that no rule of few nodes integrates.
+    horizon. A polynomial fits neither, and would leave ripples that a rule of few nodes does not integrate.
     """
     nodes_rad, phi_rad = _grid(zeniths, azimuths)
     samples = sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
@@ -183,7 +183,7 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
     along = _upward(zenith, zeniths) @ _cosines(np.eye(zeniths + 1), axis=0)
 
     def errors(aureole: Aureole, depths: Sequence[float]) -> list[float]:
-        """Return what the series misses at the probed directions for each depth of the brightening, relative to S0."""
+        """Return the largest error of the series at the probed directions for each depth, relative to S0."""
         at_phi = _around(_without(aureole, samples, nodes_rad, phi_rad)) @ chebvander(np.cos(phi), azimuths).T
         at_nodes, probed = (np.stack([_brightening(rad, depth) for depth in depths]) for rad in (nodes_rad, zenith))
         found = np.einsum("pz,dz,kzp->dpk", along, 1.0 / at_nodes, at_phi) * probed[..., np.newaxis]
@@ -192,7 +192,7 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
         apart = np.max(np.abs(found - exact), axis=-1)[:, lit] / exact[lit, 0]
         return np.max(apart, axis=-1, initial=0.0).tolist()  # type: ignore[no-any-return]
 
-    # In a sky without an aureole the division may bend the sky more than it was; so may that by the brightening.
+    # Without an aureole, or without brightening, division by it may make the sky less smooth: try all four ways.
     depths, aureole = (0.0, *_thin_depth(nodes_rad, samples), *_DEPTHS), aureole_of(sky, sun_zenith_rad)
     of_depths = errors(aureole, depths)
     depth = depths[int(np.argmin(of_depths))]
@@ -212,9 +212,10 @@ def _without(aureole: Aureole, samples: FloatArray, nodes_rad: FloatArray, phi_r
 
 
 def _thin_depth(nodes_rad: FloatArray, samples: FloatArray) -> tuple[float, ...]:
-    """Depth of air that is thinner than those tried, from the horizon and the node above it; empty for other air.
+    """Optical depth of very thin air, from the radiance at the horizon and at the node above it; empty for other air.
 
-    Such a sky falls off by orders of magnitude between the two, so that only its own depth leaves a smooth rest.
+    The radiance of such a sky differs by orders of magnitude between the two. Only division by the brightening of its
+    own depth leaves a smooth function.
     """
     above, level = np.mean(samples[-2:, :, 0], axis=1).tolist()
     if not 0.0 < above < level:
@@ -224,7 +225,7 @@ def _thin_depth(nodes_rad: FloatArray, samples: FloatArray) -> tuple[float, ...]
 
 
 def _brightening(zenith_rad: FloatArray, depth: float) -> FloatArray:
-    """Light that an even layer of some depth scatters once, over that at the horizon; 1 throughout for none."""
+    """Light scattered once by a uniform layer, relative to that at the horizon; 1 everywhere for depth 0."""
     if depth == 0.0:
         return np.ones(zenith_rad.shape)
     return np.asarray(-np.expm1(-depth / np.maximum(np.cos(zenith_rad), _LEVEL)))
@@ -272,7 +273,7 @@ def _cosines(samples: FloatArray, *, axis: int) -> FloatArray:
     return np.moveaxis(modes, 0, axis)
 
 
-# Diffuse radiance that falls on a panel beside the beam, and quadrature over the directions from which it comes
+# Diffuse radiance on a panel, without the beam, and quadrature over the directions from which it comes
 
 
 # A direction that rounding put this far below the horizon is on it.

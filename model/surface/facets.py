@@ -374,7 +374,7 @@ def _facet_density(tan2_beta: FloatArray, *, slope_rms: float) -> FloatArray:
 def write_rotated(
     out: FloatArray, g: HalfVectorGeometry, *, m00: FloatArray, m01: FloatArray, m11: FloatArray, m22: FloatArray
 ) -> None:
-    """Turn a matrix in the axes of the plane of scattering, M10 = M01, into the horizontal axes of both rays."""
+    """Write matrices with M10 = M01 in the plane of scattering, turned into the horizontal axes of both rays."""
     ci, si, cr, sr = g.cos_2eta_i, g.sin_2eta_i, g.cos_2eta_r, g.sin_2eta_r
     out[:, 0, 0] = m00
     out[:, 0, 1] = m01 * ci
@@ -405,7 +405,7 @@ def half_vector_geometry(theta_i_rad: FloatArray, theta_r_rad: FloatArray, phi_r
     m = 0.5 * (theta_i_rad - theta_r_rad)
     sin_m, cos_m = np.sin(m), np.cos(m)
     mean_cosine = 0.5 * (cos_i + cos_r)
-    # Not from the cosine of the mean angle, whose own rounding shows where both rays graze.
+    # The cosine of the mean angle would lose digits where both rays graze.
     cos_p = mean_cosine / cos_m
     sin_half, cos_half = np.sin(0.5 * phi_rad), np.cos(0.5 * phi_rad)
     sin2_half = sin_half * sin_half

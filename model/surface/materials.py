@@ -18,9 +18,9 @@ from model.surface.pbrdf import DiffuseKind, Surface
 from model.surface.table import MeasuredTable, TabulatedBrdf
 
 Confidence = Literal["high", "medium", "low"]
-# 700 nm and 700e-9 m may differ by the rounding of a factor, which must not put an end of a table outside of it.
+# 700 nm and 700e-9 m may differ by rounding; the ends of a table are inside it all the same.
 _ROUNDING = 1e-12
-# Slope of facets as wide as the light that a table is meant for; it has none of its own.
+# A table has no facets; this slope spreads the directions from which its light is summed.
 _TABLE_SLOPE = 0.3
 CONFIDENCE: tuple[Confidence, ...] = get_args(Confidence)
 

@@ -147,7 +147,7 @@ class Surface:
         return max((self.dhr or 0.0) - specular, 0.0)
 
 
-# A DHR may miss the lobe's own share by this much and count as equal to it: the share's quadrature error.
+# Quadrature error of the lobe's share: a DHR that is lower by no more than this counts as equal to it.
 _DHR_ROUNDING = 1e-7
 # One block of geometries at a time keeps the intermediate arrays in the processor's cache.
 _BLOCK = 8192
@@ -221,7 +221,7 @@ def mueller(
 
 
 _SCAN_RAD = np.radians(np.append(np.arange(0.0, 89.0, 1.0), [89.0, 89.5, 89.9]))
-# Far above the quadrature error, far below what a measurement of reflectance could tell.
+# Far above the quadrature error, and far below the error of any measured reflectance.
 _ENERGY_SLACK = 1e-6
 
 
@@ -416,9 +416,9 @@ def _way(theta_rad: FloatArray, surface: Surface) -> FloatArray:
     return np.stack([share, np.zeros_like(theta_rad)])
 
 
-# E is known to this; a perfect mirror leaves less than that, and 0 / 0 must not be asked.
+# Error of E. A perfect mirror leaves less than this to the diffuse term, which would then be 0 / 0.
 _NOTHING = 1e-8
-# A transmittance is known to 1e-16; below this too few of its digits are left to divide by.
+# A transmittance has an absolute error of 1e-16; below this limit too few digits are left to divide by it.
 _OPAQUE = 1e-12
 
 
@@ -647,7 +647,7 @@ def local_geometry(
     )
 
 
-# A ray closer than this to the panel's normal has no plane of its own on the panel; any one serves.
+# A ray closer than this to the panel's normal defines no plane of incidence; any plane serves.
 _ALONG_NORMAL = 1e-14
 
 
