@@ -69,7 +69,7 @@ class Evidence:
     parameters: tuple[Parameter, ...]  #: inferred inputs, with the prior of the scene
     problem: Problem
     regions: tuple[tuple[str, str], ...]  #: run and region of each three of the data
-    untaught: tuple[str, ...]  #: uncertain inputs that the runs say next to nothing of
+    untaught: tuple[str, ...]  #: uncertain inputs that are not inferred
     remarks: tuple[str, ...]
     scene: Scene
     digest: str  #: of data, scene, choices and code
@@ -116,14 +116,15 @@ def gather_evidence(
     scale: ScaleKind = "absolute",
     discrepancy: float = 0.02,
 ) -> Evidence:
-    """Return what runs of a scene say of its inputs; `scenes` is the scene with the noise calibration of each run."""
-    runs = [
-        _taken_run(one, scene, scale=scale, discrepancy=discrepancy)
-        for one, scene in zip(measured, scenes, strict=True)
-    ]
-    used = [run for run in runs if run.regions]
+    """Return the evidence of runs; `scenes` has the scene with the noise calibration of each run."""
+    remarks: dict[str, None] = {}
+    used = []
+    for one, scene in zip(measured, scenes, strict=True):
+        run, said = _taken_run(one, scene, scale=scale, discrepancy=discrepancy)
+        remarks |= dict.fromkeys(said)
+        used += [] if run is None else [run]
     if not used:
-        raise DataError("no region of any run can be used: " + "; ".join(one for run in runs for one in run.remarks))
+        raise DataError("no region of any run can be used: " + "; ".join(remarks))
     joint = _Joint(used)
     slopes = joint.slopes()
     kept = _inferred(joint, slopes, chosen, discrepancy)
@@ -138,7 +139,7 @@ def gather_evidence(
         problem=joint.problem(kept, rest, slopes, discrepancy),
         regions=tuple((run.name, region) for run in used for region in run.regions),
         untaught=tuple(inputs.names[k] for k in rest),
-        remarks=tuple(dict.fromkeys(remark for run in runs for remark in run.remarks)),
+        remarks=tuple(remarks),
         scene=inputs.scene,
         digest=digest.hexdigest()[:12],
     )
@@ -186,7 +187,7 @@ def _kept(model: Callable[[FloatArray], FloatArray], path: Path) -> Callable[[Fl
 
 
 def _inferred(joint: "_Joint", slopes: FloatArray, chosen: Sequence[str], discrepancy: float) -> list[int]:
-    """Return which uncertain inputs are inferred: the chosen ones, or those of which the runs say something."""
+    """Return the positions of the inputs to infer: the chosen ones, or those that the runs determine."""
     names = joint.inputs.names
     unknown = [key for key in chosen if key not in names]
     if unknown:
@@ -200,7 +201,7 @@ def _inferred(joint: "_Joint", slopes: FloatArray, chosen: Sequence[str], discre
     share = np.diag(whole.root @ cov @ whole.root.T) / np.diag(whole.cov)
     kept = np.flatnonzero(share < 1.0 - _LEAST_RESOLVED).tolist()
     if not kept:
-        raise DataError("the runs say next to nothing of any uncertain input; give other inputs a std, or --input")
+        raise DataError("the runs determine no uncertain input; give other inputs a std, or choose some with --input")
     return list(kept)
 
 
@@ -302,11 +303,10 @@ def _discrepancy_shapes(places: Sequence[tuple[str, _Geometry | None]]) -> tuple
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Run:
-    """One run: its measured numbers with their covariance, and what the model says of them."""
+    """One run: the measured numbers of its usable regions with their covariance, and the model of them."""
 
     name: str
-    remarks: tuple[str, ...]
-    regions: tuple[str, ...]  #: those that can be used; without any, the rest means nothing
+    regions: tuple[str, ...]
     predictor: RunPredictor
     inputs: Inputs
     inverse: FloatArray  #: from the angles to Stokes parameters
@@ -344,7 +344,10 @@ class _Run:
         return np.array([sun, camera]), rotation(float(local.reflected_rotation_rad) + view.roll_rad)[1:, 1:]
 
 
-def _taken_run(run: MeasuredRun, scene: Scene, *, scale: ScaleKind, discrepancy: float) -> _Run:
+def _taken_run(
+    run: MeasuredRun, scene: Scene, *, scale: ScaleKind, discrepancy: float
+) -> tuple[_Run | None, tuple[str, ...]]:
+    """Return a run, or None if no region can be used, and remarks."""
     measurement, radiometric = run.measurement, run.calibrations.radiometric
     name, inverse = measurement.run.path.resolve().name, measurement.plan.inverse
     checks = run_checks(run)
@@ -365,41 +368,34 @@ def _taken_run(run: MeasuredRun, scene: Scene, *, scale: ScaleKind, discrepancy:
     flagged = titles(checks, "flagged")
     remarks = [f"{name}: {region} left out: {why}" for region, why in left_out.items()]
     remarks += [f"{name}: flagged: {flagged}"] if flagged else []
-    inputs, numbers, cov = predictor.inputs, np.empty(0), np.empty((0, 0))
-    if regions:
-        accuracy = accuracy_at(predictor, float(np.clip(_NUMERICAL_SHARE * discrepancy, _FINEST, _COARSEST)), "safe")
-        predictor = replace(
-            predictor.without(accuracy.left_out),
-            settings=accuracy.predicted.result.settings,
-            # Every point has a sky of its own, which no other command asks for.
-            light=SceneLight(is_kept_between_runs=False),
-        )
-        inputs = predictor.inputs
-        if scale == "free":
-            inputs = without_throughput(inputs)
-        if scale == "panel":
-            if radiometric is None:
-                raise ConfigError("--scale panel and --radiometric FILE (rigctl calibrate radiometric) go together")
-            inputs = panel_scaled(inputs, radiometric, exposure_s=predictor.exposure_s)[0]
-        numbers, cov = _measured(measurement, regions)
-        of_model = [
-            accuracy.in_tolerance(region, quantity, "mean") for region in regions for quantity in ("s0", "s1n", "s2n")
-        ]
-        cov = cov + np.diag(np.square(of_model))
-        if scale == "free":
-            shift = np.tile([_ANY_SCALE, 0.0, 0.0], len(regions))
-            cov = cov + np.outer(shift, shift)
-        remarks += [*predictor.remarks, *inputs.scene.remarks]
-    return _Run(
-        name=name,
-        remarks=tuple(remarks),
-        regions=regions,
-        predictor=predictor,
-        inputs=inputs,
-        inverse=inverse,
-        numbers=numbers,
-        cov=cov,
+    if not regions:
+        return None, tuple(remarks)
+    accuracy = accuracy_at(predictor, float(np.clip(_NUMERICAL_SHARE * discrepancy, _FINEST, _COARSEST)), "safe")
+    predictor = replace(
+        predictor.without(accuracy.left_out),
+        settings=accuracy.predicted.result.settings,
+        # The sky of each point is used only here.
+        light=SceneLight(is_kept_between_runs=False),
     )
+    inputs = predictor.inputs
+    if scale == "free":
+        inputs = without_throughput(inputs)
+    if scale == "panel":
+        if radiometric is None:
+            raise ConfigError("--scale panel and --radiometric FILE (rigctl calibrate radiometric) go together")
+        inputs = panel_scaled(inputs, radiometric, exposure_s=predictor.exposure_s)[0]
+    numbers, cov = _measured(measurement, regions)
+    of_model = [
+        accuracy.in_tolerance(region, quantity, "mean") for region in regions for quantity in ("s0", "s1n", "s2n")
+    ]
+    cov = cov + np.diag(np.square(of_model))
+    if scale == "free":
+        shift = np.tile([_ANY_SCALE, 0.0, 0.0], len(regions))
+        cov = cov + np.outer(shift, shift)
+    taken = _Run(
+        name=name, regions=regions, predictor=predictor, inputs=inputs, inverse=inverse, numbers=numbers, cov=cov
+    )
+    return taken, (*remarks, *predictor.remarks, *inputs.scene.remarks)
 
 
 _LEAST_SNR = 10.0
