@@ -7,6 +7,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -198,9 +199,11 @@ class RunWriter:
             saturated_fraction=_share_from(counts, math.ceil(record.saturation_dn)),
         )
         data = encode_frame(counts, header_cards(record))
-        write_durably(self.path / record.file, data)
+        with ThreadPoolExecutor(max_workers=1) as beside:  # the disk takes as long as the checksum
+            checksum = beside.submit(file_checksum, data)
+            write_durably(self.path / record.file, data)
         self._sequences.add(record.sequence)
-        return replace(record, checksum=file_checksum(data))
+        return replace(record, checksum=checksum.result())
 
     def _take_back(self, records: Iterable[FrameRecord]) -> None:
         for record in records:
