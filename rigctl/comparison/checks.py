@@ -51,10 +51,10 @@ _SHIFT_FLAGGED_PIXELS = 0.2
 _DRIFT_FLAGGED = 0.005
 _SIGMAS = 5.0
 _NOTHING_TESTED = "nothing tested"
-_PAIRS_DIFFER = "sums of orthogonal pairs of angles, each of which is all of the light, differ"
+_PAIRS_DIFFER = "sums of orthogonal pairs of angles, which should all equal the total light, differ"
 _PAIRS_RULE = (
-    f"flagged above {_PAIRS_FLAGGED:.0%} and {_SIGMAS:g} errors, refused above {_PAIRS_REFUSED:.0%}: light that "
-    "changed, unequal exposures or throughput, or a wrong dark level, response or angle"
+    f"flagged above {_PAIRS_FLAGGED:.0%} and {_SIGMAS:g} errors, refused above {_PAIRS_REFUSED:.0%}; "
+    "possible causes: light that changed, unequal exposures or throughput, a wrong dark level, response or angle"
 )
 
 
@@ -100,7 +100,7 @@ def nothing_tested(rows: Sequence["Row"], why: Sequence[str]) -> tuple[Check, ..
 
 def _pair_sums(measurement: Measurement) -> Iterable[Check]:
     if measurement.plan.redundancy == 0:
-        text = "three angles fit any frames, so that there is no residual to test"
+        text = "three angles fit any frames, so there is no residual to test"
         yield Check(name="pair sums", verdict="not testable", text=text)
         return
     rounding = _rounding(measurement)
@@ -148,9 +148,9 @@ def _linear(found: RunDiagnosis) -> Check:
     return Check(
         name=name,
         verdict=verdict,
-        text=f"the residual of the angles depends on the light as by a response that is {size}; flagged above "
+        text=f"the residual of the angles depends on the light like a response that is {size}; flagged above "
         f"{_CURVATURE_FLAGGED:.0%} if it can be distinguished from other faults, refused above "
-        f"{_CURVATURE_REFUSED:.0%}: gamma, tone mapping, saturation, or a wrong dark level",
+        f"{_CURVATURE_REFUSED:.0%}; possible causes: gamma, tone mapping, saturation, a wrong dark level",
     )
 
 
@@ -168,9 +168,9 @@ def _usable(measurement: Measurement) -> Iterable[Check]:
         yield Check(
             name="pixels at 0",
             verdict="flagged",
-            text=f"{low:.1%} of the pixels are 0 in one frame or more: noise below 0 is cut off, so that "
+            text=f"{low:.1%} of the pixels are 0 in one frame or more: noise below 0 is cut off, so these "
             f"pixels are too bright and their DoLP is too small; flagged above {_CLIPPED_FLAGGED:.0%}: raise the black "
-            "level of the camera, or expose longer",
+            "level of the camera, or expose for longer",
         )
 
 
@@ -191,7 +191,7 @@ def _at_ends(measurement: Measurement) -> Iterable[Check]:
         if at_zero > _AT_END_FLAGGED and region.is_by_law:
             text = f"{said}; {by_law}"
         elif at_zero > _AT_ZERO_REFUSED:
-            text = f"{said}; refused above {_AT_ZERO_REFUSED:.0%} where the counts are not those of one even light"
+            text = f"{said}; refused above {_AT_ZERO_REFUSED:.0%} if the counts are not those of uniform light"
         else:
             continue
         yield Check(
@@ -210,8 +210,8 @@ def _hit(measurement: Measurement) -> Iterable[Check]:
                 name=f"hit pixels of {name}",
                 verdict="flagged",
                 region=name,
-                text=f"{region.hit} pixels differ from their neighbours at one angle, as by cosmic rays and "
-                "blinking pixels, and are left out: two cycles or more would make it certain",
+                text=f"{region.hit} pixels differ from their neighbours at one angle, as after hits by "
+                "cosmic rays, and are left out: two cycles or more would make this certain",
             )
 
 
@@ -228,7 +228,7 @@ def _plateau(measurement: Measurement) -> Iterable[Check]:
             name="largest count",
             verdict="flagged",
             text=f"many pixels share the largest count: {', '.join(said)}, below the stated saturation: if they are "
-            "clipped, the numbers are wrong; state it with rigctl import --saturation-dn",
+            "clipped, the numbers are wrong; state the saturation with rigctl import --saturation-dn",
         )
 
 
@@ -244,7 +244,7 @@ def _bits(measurement: Measurement) -> Iterable[Check]:
     found = [text for record in records if (text := odd_pattern(_received(run, record)))]
     if 2 * len(found) >= len(records):
         yield Check(
-            name="odd bits", verdict="flagged", text=f"{found[0]}; counts are rounded more coarsely than their bits"
+            name="odd bits", verdict="flagged", text=f"{found[0]}; the counts have fewer significant bits than stated"
         )
 
 
@@ -293,8 +293,8 @@ def _drift(measurement: Measurement) -> Check:
     return Check(
         name=name,
         verdict="flagged" if abs(slope) > max(_DRIFT_FLAGGED, _SIGMAS * error) else "sound",
-        text=f"{slope:+.3%} +- {error:.3%} a cycle, which in the order of these angles shows as a DoLP of "
-        f"{false:.5f}; flagged above {_DRIFT_FLAGGED:.1%}",
+        text=f"{slope:+.3%} +- {error:.3%} a cycle, which looks like a DoLP of {false:.5f} with this order of "
+        f"angles; flagged above {_DRIFT_FLAGGED:.1%}",
     )
 
 

@@ -234,7 +234,7 @@ def _remark(moves: Sequence[InputMove], p_value: float, left_out: Sequence[str])
     )
     others = best.indistinguishable_from
     if len(others) > _NAMED:
-        return f"{text}; these data hardly see it, {len(others)} other inputs could look the same"
+        return f"{text}; these data hardly depend on it; {len(others)} other inputs could have the same effect"
     return f"{text}; these data cannot distinguish it from {', '.join(others)}" if others else text
 
 

@@ -275,7 +275,8 @@ def _unsaturated(measurement: Measurement, panel: str) -> MeasuredRegion:
     if share > _MOST_SATURATED:
         raise DataError(
             f"{measurement.run.path}: {share:.1%} of the panel's pixels are saturated or missing (allowed are "
-            f"{_MOST_SATURATED:.1%}): what is left is not its mean; expose shorter, or draw the region within the panel"
+            f"{_MOST_SATURATED:.1%}): the other pixels do not give its mean; expose for less, or "
+            "draw the region within the panel"
         )
     return region
 

@@ -294,7 +294,7 @@ def _confused(move: InputMove) -> str:
     names = move.indistinguishable_from
     if not names:
         return NOTHING
-    return ", ".join(names) if len(names) <= _NAMED else f"{len(names)} others: hardly seen"
+    return ", ".join(names) if len(names) <= _NAMED else f"{len(names)} others"
 
 
 def fault_table(terms: Sequence[FaultTerm]) -> Table[FaultTerm]:
