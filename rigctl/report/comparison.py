@@ -711,11 +711,10 @@ def _reasons(comparison: Comparison) -> Iterable[str]:
 def _summary(comparison: Comparison) -> Section:
     regions = comparison.measurement.regions
     note = (
-        "Means of the regions ± standard errors. A prediction without ± uses inputs that are stated as exact. z is the "
-        "difference over the errors of both sides, as a normal score. Where polarization is weak, the z of DoLP is "
+        "Means of the regions ± standard errors; the ± of a prediction from exact inputs is its numerical error. z is "
+        "the difference over the errors of both sides, as a normal score. Where polarization is weak, the z of DoLP is "
         "that of S1 and S2 together, and AoLP has no z. Pixels: "
-        f"{', '.join(f'{name} {region.pixels}' for name, region in regions.items())}. The ± of a prediction from exact "
-        "inputs is its numerical error."
+        f"{', '.join(f'{name} {region.pixels}' for name, region in regions.items())}."
     )
     return Section(title="", blocks=(summary_table(comparison), note))
 
