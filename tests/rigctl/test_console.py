@@ -16,7 +16,7 @@ from rich.console import Console
 
 from rigctl import cli, console
 from rigctl.cli import main
-from rigctl.console import LastingStream, anonymous, failure_json, json_text, told, told_content, visible
+from rigctl.console import LastingStream, anonymized, anonymized_content, anonymous, failure_json, json_text, visible
 from rigctl.errors import ConfigError
 from rigctl.rig.rig import find_driver
 from rigctl.rig.simulated_parts import require_known_camera
@@ -186,10 +186,10 @@ def run(tmp_path):
 
 def test_texts_lose_folders_serial_numbers_ports_and_site(run):
     with anonymous([run]):
-        assert told(f"{run}: camera CAM-4711 at gige:192.0.2.7") == "noon: camera left out at left out"
-        content = told_content({"report": "kept", "camera_serial": "CAM-4711", "site": _SITE})
+        assert anonymized(f"{run}: camera CAM-4711 at gige:192.0.2.7") == "noon: camera left out at left out"
+        content = anonymized_content({"report": "kept", "camera_serial": "CAM-4711", "site": _SITE})
         assert content == {"report": "kept", "camera_serial": None, "site": "left out"}
-    assert told(str(run)) == str(run)
+    assert anonymized(str(run)) == str(run)
 
 
 def test_results_of_a_command_hold_none_of_it(run, tmp_path, capsys):
