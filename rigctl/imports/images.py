@@ -389,7 +389,9 @@ class Scale:
 
 def find_scale(options: ImportOptions, images: Sequence["SurveyedImage"]) -> Scale:
     """Return the scale of the counts by the options and by the counts themselves."""
-    levels = np.sum([image.levels for image in images], axis=0)
+    levels = np.zeros(LEVELS, np.int64)
+    for image in images:
+        levels[: image.levels.size] += image.levels
     unset = sum(image.unset for image in images)
     wide = [image for image in images if image.is_wide]
     if wide:

@@ -30,11 +30,11 @@ class Plateau:
 
 
 def histogram(counts: NDArray[Any]) -> NDArray[np.int64]:
-    """Return how many pixels have each count from 0 to 65535; others, as of sums, are left out, fractions rounded."""
+    """Return the number of pixels at each count from 0 to the largest up to 65535; fractions are rounded."""
     if counts.dtype != np.uint16:
         whole = np.rint(counts)
         counts = whole[(whole >= 0) & (whole < LEVELS)].astype(np.uint16)
-    return np.bincount(counts.ravel(), minlength=LEVELS)
+    return np.bincount(counts.ravel(), minlength=1)
 
 
 def common_zero_bits(levels: NDArray[np.int64]) -> int:
@@ -100,9 +100,11 @@ def odd_pattern(levels: NDArray[np.int64]) -> str:
     Looked at are counts between the 2nd and the 98th percentile, in steps of the common zero bits, where so many pixels
     fall on each that a count without pixels is not chance.
     """
+    if not levels.any():
+        return ""
     step = 1 << common_zero_bits(levels)
-    # A border or a clipped sky is a spike, and no end of the range.
-    plain = np.minimum(levels, _SPIKE * np.median(levels[levels > 0])) if levels.any() else levels
+    # A border or a clipped sky is a spike, and not an end of the range.
+    plain = np.minimum(levels, _SPIKE * np.median(levels[levels > 0]))
     plain[_lonely_ends(np.flatnonzero(levels), step)] = 0
     shares = np.cumsum(plain) / max(float(plain.sum()), 1.0)
     low, high = (int(np.searchsorted(shares, share)) for share in (_TRIMMED, 1.0 - _TRIMMED))

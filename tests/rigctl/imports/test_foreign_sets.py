@@ -119,6 +119,19 @@ def test_counts_below_0_are_kept(tmp_path):
         np.testing.assert_array_equal(by_angle[angle], counts)
 
 
+def test_counts_that_all_need_more_than_16_bits_are_kept(tmp_path):
+    rng = np.random.default_rng(1)
+    (tmp_path / "set").mkdir()
+    for angle in ANGLES_DEG:
+        counts = rng.integers(100_000, 200_000, (24, 24), dtype=np.uint32)
+        write(tmp_path / "set" / f"{angle}.fits", counts, POLAR=float(angle))
+    found = import_images(tmp_path / "run", [tmp_path / "set"], bit_depth=18, black_level_dn=1000)
+    assert found.frames[0].saturation_dn == 2**18 - 1
+    last = next(frame for frame in found.frames if frame.polarizer_angle_deg == ANGLES_DEG[-1])
+    np.testing.assert_array_equal(read_run(tmp_path / "run").counts(last)[::-1], counts)
+    assert np.isfinite(stokes(tmp_path / "run").s0).all()
+
+
 def test_a_folder_of_all_kinds_is_one_run(tmp_path):
     words = {"zero": "Bias Frame", "d": "DARK", "f": "flat field", "p0": "Object", "p60": "Object", "p120": "Object"}
     (tmp_path / "night").mkdir()
