@@ -441,6 +441,14 @@ class _Slice:
         return np.asarray(molecules * _phase((), scattering_rad) + rest * _phase(self.asymmetries, scattering_rad))
 
 
+# All regions of a scene ask for the same: records are known by their identity.
+@lru_cache(maxsize=32)
+def _above_and_below(part: _Slice, height_m: float) -> tuple[float, float]:
+    """Least optical depth above a height and largest below it."""
+    thick, thin = (float(one.tau_above(height_m)) for one in (part.thick, part.thin))
+    return min(thick, thin), part.depth - thick
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _ThinAir:
     """Upper bounds of light, all in band.
@@ -474,7 +482,7 @@ class _ThinAir:
 
     def depth_below(self, height_m: float) -> float:
         """Return the largest optical depth in the band between the ground and a height [m]."""
-        return max(one.depth - float(one.thick.tau_above(height_m)) for one in self.slices)
+        return max(_above_and_below(one, height_m)[1] for one in self.slices)
 
     def sky(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
         """Return upper bounds of the radiance of the sky by direction [W m-2 sr-1].
@@ -512,8 +520,7 @@ class _ThinAir:
         """
         height_m, slant, found = panel.view.height_m, _slant(panel), np.zeros(())
         for part in self.slices if height_m > 0.0 else ():
-            above = min(float(column.tau_above(height_m)) for column in (part.thick, part.thin))
-            below = part.depth - float(part.thick.tau_above(height_m))
+            above, below = _above_and_below(part, height_m)
             beam = part.outside * np.exp(-above / self.mu) * _phase(part.asymmetries, scattering_rad)
             found = found + (beam + self.rest_of(part, scattering_rad)) * -np.expm1(-below * slant)
         return float(_ROOM / (4.0 * np.pi) * found)
