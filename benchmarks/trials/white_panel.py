@@ -160,7 +160,7 @@ def run_white_panel(*, halves: int = 4, seed: int = 0) -> bool:
     for wavelength_m, without in jackknifed.items():
         rows = np.flatnonzero((data.wavelength_m == wavelength_m) & (data.theta_i_rad > NADIR_RAD))
         surface = fitted(data, rows, surface_of(sintered, wavelength_m=wavelength_m), element_noise(data, rows))
-        std = np.std(without, axis=0) * np.sqrt(len(without) - 1.0)
+        std = np.std(without, axis=1) * np.sqrt(len(without[0]) - 1.0)
         cells = (f"{getattr(surface, name):.4f} ± {of:.4f}" for name, of in zip(FREE, std, strict=True))
         print(f"{'':10s}{wavelength_m * 1e9:6.0f}  " + "".join(f"{cell:>20s}" for cell in cells))
     return sound
