@@ -30,7 +30,7 @@ check: $(STAMP)
 docs: $(DOCS_STAMP)
 	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
 
-# The pictures of the pages, by the commands that the pages show; needs Chromium.
+# The pictures of the pages, by the commands that the pages show; needs Chromium and the extras browser and infer.
 pictures: $(STAMP)
 	$(BIN)/python -m docs.make_pictures
 
