@@ -81,6 +81,8 @@ if TYPE_CHECKING:
 # Smaller errors are rounding.
 _ROUNDING = 1e-12
 _LARGEST_SCORE = 10.0
+# Of the second digit of an error, to which numbers are shown.
+_HALF_A_DIGIT = 0.005
 Budgets = Mapping[str, "RegionBudget"]  # by region
 _VERDICTS = {True: "agrees", False: "DISAGREES", None: "no test"}
 _TREND_WORDS = {True: "predicted", False: "NOT predicted", None: "not known"}
@@ -203,11 +205,11 @@ def summary_table(comparison: Comparison) -> Table[Row]:
 
 
 def _numerical(comparison: Comparison, row: Row) -> str:
-    """Return the numerical error of a prediction from exact inputs; nothing for others."""
+    """Return the numerical error of a prediction from exact inputs, if it shows in the digits of the prediction."""
     if row.std_error_inputs or comparison.accuracy is None:
         return ""
-    error = comparison.accuracy.predicted.error_of(row.region, row.quantity, row.statistic)
-    return f" ± {error:.0e}" if error else ""
+    error = comparison.accuracy.predicted.error_of(row.region, row.quantity, row.statistic) or 0.0
+    return f" ± {error:.0e}" if error > _HALF_A_DIGIT * error_of_both(row) else ""
 
 
 def trend_table(trends: Sequence[Trend]) -> Table[Trend]:
