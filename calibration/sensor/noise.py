@@ -378,7 +378,7 @@ def _sorted_levels(
         raise refused(
             "missing_levels",
             f"there are {len(flats)} flat and {len(darks)} dark levels of at least two frames. One of each is needed, "
-            "or flats and a stated black level. Take two flats and two darks at each of ten exposures",
+            "or flats and a black level (--black-level-dn). Take two flats and two darks at each of 10 exposures",
         )
     shapes = {level.shape for level in levels}
     if len(shapes) > 1:
