@@ -118,7 +118,7 @@ def test_the_same_comparison_gives_the_same_files_on_the_same_day(compared, tmp_
 def test_a_disagreement_says_the_size_of_its_likeliest_cause_once_and_first(tmp_path, perturbation, words, size):
     take_session(perturbed(small_rig(tmp_path), perturbation), small_session(), tmp_path / "run", files={})
     report = comparison_report(compare_run(tmp_path / "run", scene=tmp_path / "scene.toml"))
-    found = re.search(words, report.verdict.text)
+    found = re.search(words, report.verdict)
     value, std = (float(text.replace("−", "-")) for text in found.groups())
     assert abs(value - size) < 5.0 * std
     assert html(report).count(found.group()) == 1
