@@ -121,6 +121,7 @@ def _sheet(
 
 _GEOMETRY = ("incidence_deg", "reflection_deg", "azimuth_deg")
 _READINGS = ("f00_per_sr", "s1", "s2", "dolp")
+_ROUNDING = 1e-15
 
 
 def _readings(
@@ -150,6 +151,8 @@ def _readings(
             )
     except ValueError as error:
         raise ConfigError(f"{at}: {error}") from error
+    # Shares of f00, sums of terms up to 1: what is left of those that cancel is rounding.
+    found[np.abs(found) < _ROUNDING] = 0.0
     columns = {key: given[key] for key in (*_GEOMETRY, "wavelength_nm")}
     columns |= {key: found[0, :, k] for k, key in enumerate(_READINGS)}
     columns |= {f"{key}_std": found[1, :, k] for k, key in enumerate(_READINGS)}
