@@ -181,8 +181,8 @@ _LIT, _BRIGHT = 0.2, 0.25
 _CORRELATION, _FILTERED = 0.02, 0.1
 # Dark noise comes from the amplifiers and is independent between neighbours.
 _DARK_CORRELATION = 0.05
-# Correlation in bright flats over that in darks if a filter causes both.
-_SAME_AS_DARK = 0.5
+# Correlation in bright flats over that in darks if a filter causes both; scatter of equal darks over its error.
+_SAME_AS_DARK, _ALIKE = 0.5, 0.4
 # Lag of a detector leaves less than a per cent of a frame in the next.
 _LAG, _STEADY = 0.03, 0.05
 # Two readout channels differ by one or two per cent, pixels behind colour filters by tens.
@@ -693,9 +693,13 @@ def _compressed_frames(frames: _Frames) -> Flag | None:
     size = (across, down)[larger]
     if abs(size) < max(_DARK_CORRELATION, _SIGMA * error):
         return None
+    # A coder leaves another part of the noise in each level; a single level cannot tell one that smooths.
+    apart = np.abs(together[:, larger] - weights @ together[:, larger])
+    is_alike = bool(np.all(apart < np.maximum(_SIGMA * errors, _ALIKE * abs(size) * variances.min())))
+    is_alike &= len(darks) > 1 or size < 0.0
     if frames.bright_flats:
         *flats, error = _correlation_of_flats(frames)
-        if flats[larger] / size + _LEFT_SIGMA * error / abs(size) < _SAME_AS_DARK:
+        if flats[larger] / size + _LEFT_SIGMA * error / abs(size) < _SAME_AS_DARK and is_alike:
             factor = float(np.sqrt(max(1.0 + 2.0 * (across + down), 0.0)))
             return _flag("readout_correlation", across=across, down=down, limit=_DARK_CORRELATION, factor=factor)
     return _flag("compressed_frames", refuses=True, across=across, down=down, limit=_DARK_CORRELATION)
