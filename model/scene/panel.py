@@ -364,12 +364,17 @@ class _Refined:
     finest: int
 
 
+# Of the tolerance: a camera with so small an error needs no further order.
+_FAR_BELOW = 0.1
+
+
 def _refined(
     rule: Callable[[int, IntArray], FloatArray], cameras: IntArray, tolerance: float, regular: int
 ) -> _Refined:
     """Rules of growing order until the estimated error of the last one is below the tolerance, for each camera.
 
-    Steps count as regular only from the number `regular` on. Cameras for which an order does keep its value.
+    Steps count as regular only from the number `regular` on. A camera with an error far below the tolerance keeps its
+    value while others go on.
     """
     values = [rule(_ORDERS[0], cameras)]
     steps, error, left = [np.full(len(cameras), np.inf)], np.zeros(len(cameras)), cameras
@@ -378,9 +383,10 @@ def _refined(
         values[-1][left] = rule(order, left)
         steps.append(np.max(np.abs(values[-1] - values[-2]), axis=-1))
         error[left] = _error(steps, regular)[left]
-        left = left[~(error[left] <= tolerance * values[-1][left, 0])]
-        if not left.size:
+        allowed = tolerance * values[-1][:, 0]
+        if np.all(error <= allowed):
             break
+        left = np.flatnonzero(~(error <= _FAR_BELOW * allowed))
     value, finest = values[-1], _ORDERS[len(values) - 1]
 
     def error_of(coarser: FloatArray) -> FloatArray:
