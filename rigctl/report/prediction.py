@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from model.processing.reconstruction import aolp_is_defined
 from model.quantities import ORDERED
 from rigctl.base.numbers import NO_NUMBER, NOTHING, finite, plus_minus, size, to_digits
-from rigctl.prediction.predict import NO_NOISE, STATED_RATES
 from rigctl.report.document import Column, Table, text_columns
 from rigctl.report.drawing import (
     LINE_STYLES,
@@ -87,6 +86,8 @@ def _strength(found: PolarizationStrength | None) -> dict[str, Json] | None:
     quantiles = {f"{p:g}": float(q) for p, q in zip(found.probabilities, found.quantiles, strict=True)}
     numbers: dict[str, Json] = {"quantiles": quantiles, "nedolp": found.nedolp}
     if found.nedolp is None:
+        from rigctl.prediction.predict import NO_NOISE
+
         numbers["nedolp_reason"] = NO_NOISE
     return numbers | {"unpolarised_mean": finite(found.unpolarised_mean)}
 
@@ -168,6 +169,8 @@ def strength_table(predictions: Mapping[str, RegionPrediction], performance: Per
 
 def detection_table(performance: Performance) -> Table[PairDetection]:
     """Return the probability of detection of every pair of regions."""
+    from rigctl.prediction.predict import STATED_RATES
+
     columns: tuple[Column[PairDetection], ...] = (
         Column(title="target", text=lambda pair: pair.target, left=True),
         Column(title="background", text=lambda pair: pair.background, left=True),
