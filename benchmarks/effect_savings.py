@@ -11,7 +11,7 @@ from benchmarks.timing import least_s
 from model.accuracy.chain import ChainResult, evaluate
 from model.accuracy.effect_check import change
 from model.atmosphere.sky import Fidelity
-from model.effects.names import ALL, Effect
+from model.effects.effect import ALL, Effect
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.light import SceneLight

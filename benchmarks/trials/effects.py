@@ -17,7 +17,7 @@ from model.accuracy.effect_check import change, skylight_bound
 from model.atmosphere.air import AtmosphereState
 from model.atmosphere.layers import AerosolKind
 from model.atmosphere.sky import Fidelity, SolarBand, SolverSettings
-from model.effects.names import ALL, Bound, Effect, EffectPlan
+from model.effects.effect import ALL, Bound, Effect, EffectPlan
 from model.effects.planner import plan
 from model.scene.field import FieldPart
 from model.scene.panel import View

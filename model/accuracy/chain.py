@@ -27,7 +27,7 @@ from model.atmosphere.sky import (
     unlit_solution,
 )
 from model.atmosphere.solver import solve
-from model.effects.names import ALL, Effect
+from model.effects.effect import ALL, Effect
 from model.effects.planner import acting
 from model.prediction import PairDetection, RegionPrediction, detections_of_sweep, predict_all
 from model.quantities import CIRCULAR, error_scale

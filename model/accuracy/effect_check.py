@@ -29,7 +29,7 @@ from model.atmosphere.air import Column
 from model.atmosphere.layers import henyey_greenstein
 from model.atmosphere.sky import STANDARD_SETTINGS, BandLighting, Fidelity, compute_lighting
 from model.effects.bounds import NEXT_TO_NONE, Light, LightLimits, added, bound_of, is_narrow, radiance_bounds
-from model.effects.names import LIGHT, Bound, Effect, EffectPlan
+from model.effects.effect import LIGHT, Bound, Effect, EffectPlan
 from model.effects.planner import EFFECTS
 from model.numerics import gauss_legendre
 from model.quantities import QUANTITIES, is_counts

@@ -27,7 +27,7 @@ from model.atmosphere.air import (
     rayleigh_optical_depth,
 )
 from model.atmosphere.sky import SolverSettings, SpectralRule, spectral_rule
-from model.effects.names import ALL, Effect
+from model.effects.effect import ALL, Effect
 from model.numerics import gauss_legendre
 from model.scene.scene import Air, LitScene
 

@@ -54,7 +54,7 @@ from model.accuracy.plan import (
     settings_at,
 )
 from model.atmosphere.layers import AerosolKind
-from model.effects.names import ALL, LIGHT, Effect, EffectPlan
+from model.effects.effect import ALL, LIGHT, Effect, EffectPlan
 from model.numerics import ndtri
 from model.scene.field import known_rules
 from model.scene.panel import View

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from model.atmosphere.air import Column, column
 from model.atmosphere.sky import Fidelity, Lighting, SolarBand, SolverSettings, compute_lighting, unlit_solution
-from model.effects.names import EVERYTHING, LIGHT, Bound, Effect
+from model.effects.effect import EVERYTHING, LIGHT, Bound, Effect
 from model.numerics import chdtri, erfc, expn
 from model.processing.detection import CONDITION_LIMIT
 from model.processing.reconstruction import design

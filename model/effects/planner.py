@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from model.effects.names import ALL, EVERYTHING, LIGHT, Bound, Decision, Effect, EffectPlan, EffectRule
+from model.effects.effect import ALL, EVERYTHING, LIGHT, Bound, Decision, Effect, EffectPlan, EffectRule
 from model.scene.field import whole_field
 from model.scene.scene import LightParts, LitScene
 

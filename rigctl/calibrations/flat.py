@@ -19,7 +19,7 @@ from calibration.polarimeter.pictures import FlatField, flat_field
 from calibration.results import CalibrationError
 from rigctl.base.durable import read_arrays
 from rigctl.base.numbers import wrapped
-from rigctl.calibrations.made_for import MadeFor
+from rigctl.calibrations.kinds import MadeFor
 from rigctl.calibrations.record import CalibrationRecord, checked_record, header_of, made_for_scene, source_of_run
 from rigctl.errors import DataError
 from rigctl.runs.folder import Run

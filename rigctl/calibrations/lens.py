@@ -12,7 +12,7 @@ from pydantic import Field
 from calibration.pointing.pose import NAMES, Lens, LensCalibration
 from rigctl.base.durable import source_of
 from rigctl.base.numbers import utc_text
-from rigctl.calibrations.made_for import Bounded, Measured, Positive, UtcText
+from rigctl.calibrations.kinds import Bounded, Measured, Positive, UtcText
 from rigctl.calibrations.record import read_record
 from rigctl.console import Json
 from rigctl.version import VERSION

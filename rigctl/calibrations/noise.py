@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field
 
 from calibration.results import Flag
 from model.sensor import SensorNoise
-from rigctl.calibrations.made_for import Bounded, MadeFor, Measured, MeasuredOverFrames
+from rigctl.calibrations.kinds import Bounded, MadeFor, Measured, MeasuredOverFrames
 from rigctl.calibrations.record import CalibrationRecord
 
 FloatArray = NDArray[np.float64]

@@ -29,7 +29,7 @@ from drivers.cameras.raw_files import RAW_SUFFIXES
 from model.processing.mosaic import mosaic
 from rigctl.base.durable import MOST_FRAME_BYTES, MOST_TEXT_BYTES, read_bounded, sha256_of
 from rigctl.base.numbers import range_problem
-from rigctl.calibrations.made_for import MadeFor, made_for
+from rigctl.calibrations.kinds import MadeFor, made_for
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import SECONDS_PER_UNIT, ExposureUnit
 from rigctl.files.csv_table import csv_rows

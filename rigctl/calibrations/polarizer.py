@@ -12,7 +12,7 @@ from pydantic import Field
 from calibration.polarimeter.analyzer import false_dolp
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded, write_durably
 from rigctl.base.numbers import wrapped
-from rigctl.calibrations.made_for import Bounded, MadeFor, Measured, at_least
+from rigctl.calibrations.kinds import Bounded, MadeFor, Measured, at_least
 from rigctl.calibrations.polarizer_scan import PolarizerCalibration, candidate_offset_deg
 from rigctl.calibrations.record import CalibrationRecord, header_of, made_for_scene, source_of_run
 from rigctl.console import Json

@@ -36,7 +36,7 @@ from calibration.polarimeter.analyzer import (
     pooled_diattenuation,
 )
 from rigctl.base.numbers import wild_numbers
-from rigctl.calibrations.made_for import Measured
+from rigctl.calibrations.kinds import Measured
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.csv_table import csv_rows
 from rigctl.files.regions import Region, masks

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rigctl.calibrations.made_for import MadeFor, MeasuredOverFrames, Positive
+from rigctl.calibrations.kinds import MadeFor, MeasuredOverFrames, Positive
 from rigctl.calibrations.record import CalibrationRecord
 
 SCHEMA_VERSION = 1

@@ -14,7 +14,7 @@ from pydantic_core import from_json
 
 from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded, sha256_of, write_durably
 from rigctl.base.numbers import utc_text
-from rigctl.calibrations.made_for import (
+from rigctl.calibrations.kinds import (
     CalibrationKind,
     MadeFor,
     Measured,

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from calibration.polarimeter.pictures import Registration, Wander, fit_wander, register
 from rigctl.base.numbers import wrapped
-from rigctl.calibrations.made_for import Bounded, MadeFor, NotNegative, at_least
+from rigctl.calibrations.kinds import Bounded, MadeFor, NotNegative, at_least
 from rigctl.calibrations.record import CalibrationRecord, header_of, source_of_run
 from rigctl.errors import DataError
 from rigctl.runs.folder import Run

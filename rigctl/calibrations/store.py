@@ -18,7 +18,7 @@ import numpy as np
 from calibration.estimate import control_chart
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded, sha256_of
 from rigctl.base.numbers import utc_moment, utc_text, wrapped
-from rigctl.calibrations.made_for import (
+from rigctl.calibrations.kinds import (
     KINDS,
     CalibrationKind,
     MadeFor,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.polarimeter.pictures import Registration
-from model.effects.names import Effect
+from model.effects.effect import Effect
 from model.moments import Moments
 from model.processing.agreement import RankCorrelation, chi_square_tail, rank_correlation
 from model.processing.diagnosis import region_residual

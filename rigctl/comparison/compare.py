@@ -20,7 +20,7 @@ from model.accuracy.chain import Reading
 from model.accuracy.effect_check import kind_of, with_unstated
 from model.accuracy.plan import NUMERICAL_SETTINGS
 from model.accuracy.predict import SMALLEST, Predicted, predict
-from model.effects.names import LIGHT, Effect, EffectPlan, EffectRule
+from model.effects.effect import LIGHT, Effect, EffectPlan, EffectRule
 from model.prediction import Quantities, RegionPrediction, predict_region
 from model.processing.agreement import Propagation, input_jacobian
 from model.processing.samples import Sample, check_dolp_distribution, deviation

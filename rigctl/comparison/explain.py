@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.effects.names import Effect
+from model.effects.effect import Effect
 from model.prediction import RegionPrediction
 from model.processing import agreement as bayesian_update
 from model.processing.agreement import Propagation, chi_square_tail, deviations_cov

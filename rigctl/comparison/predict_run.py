@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.chain import Settings
-from model.effects.names import Effect
+from model.effects.effect import Effect
 from model.prediction import RegionPrediction
 from model.quantities import angle_of
 from model.scene.field import FieldLight

@@ -27,7 +27,7 @@ from model.atmosphere.mie import (
     number_of_volume,
 )
 from model.atmosphere.sky import Fidelity
-from model.effects.names import Effect
+from model.effects.effect import Effect
 from model.scene.field import TileRule
 from model.surface.facets import Shadowing
 from model.surface.materials import MATERIALS

@@ -20,7 +20,7 @@ from model.processing.diagnosis import Diagnosis, Term, consequence, diagnose
 from model.processing.fault_fit import PER_FRAME
 from model.processing.mosaic import coarse_pictures
 from model.processing.reconstruction import Design, design
-from rigctl.calibrations.made_for import CalibrationKind
+from rigctl.calibrations.kinds import CalibrationKind
 from rigctl.calibrations.polarizer import PolarizerParameters, read_polarizer_file
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region

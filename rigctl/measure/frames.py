@@ -23,7 +23,7 @@ from model.quantities import counts_name
 from rigctl.base.durable import sha256_of
 from rigctl.base.numbers import wrapped
 from rigctl.calibrations.flat import FlatFields
-from rigctl.calibrations.made_for import KINDS, CalibrationKind, made_for, record_of
+from rigctl.calibrations.kinds import KINDS, CalibrationKind, made_for, record_of
 from rigctl.calibrations.noise import NoiseParameters
 from rigctl.calibrations.polarizer import Channel, PolarizerParameters
 from rigctl.calibrations.radiometric import RadiometricResponse

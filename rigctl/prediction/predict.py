@@ -48,7 +48,7 @@ from rigctl.scene.scene import (
 if TYPE_CHECKING:
     from model.accuracy.chain import Clock, Settings
     from model.accuracy.predict import Predicted, Predictions
-    from model.effects.names import EffectPlan
+    from model.effects.effect import EffectPlan
     from model.scene.field import FieldLight, Source
     from model.scene.scene import LitScene
     from rigctl.calibrations.noise import NoiseParameters

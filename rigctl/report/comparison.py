@@ -26,7 +26,7 @@ from model.processing.reconstruction import aolp_is_defined
 from model.quantities import FOLLOWED, QUANTITIES, angle_of
 from model.stokes import dolp as degree_of_polarization
 from rigctl.base.numbers import NOTHING, chance, p_value, plus_minus, signed, size, to_digits
-from rigctl.calibrations.made_for import MeasuredOverFrames
+from rigctl.calibrations.kinds import MeasuredOverFrames
 from rigctl.comparison.checks import ADVICE, not_judged, refusals, reservations, titled_texts, unjudged_lines
 from rigctl.comparison.compare import ALLOWED_SHARE
 from rigctl.comparison.rows import FAULTS, error_of_both, off_prediction

@@ -13,7 +13,7 @@ from rigctl.scene.effects import statement_of
 
 if TYPE_CHECKING:
     from model.accuracy.effect_check import CheckedEffect
-    from model.effects.names import Bound, Decision, Effect, EffectPlan
+    from model.effects.effect import Bound, Decision, Effect, EffectPlan
     from rigctl.comparison.compare import NumericalAccuracy
     from rigctl.console import Json
     from rigctl.scene.effects import Verification

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from model.accuracy.effect_check import CheckedEffect, chain_time_s, check_effects, skylight_bound, with_changes
 from model.accuracy.plan import NUMERICAL_SETTINGS, WAVELENGTHS, settings_at
 from model.accuracy.predict import SMALLEST
-from model.effects.names import Effect, EffectPlan, EffectRule
+from model.effects.effect import Effect, EffectPlan, EffectRule
 from model.effects.planner import EFFECTS, plan, plan_of_all
 from rigctl.errors import as_config_error
 from rigctl.scene.light import SceneLight, lit_scene, settings_of

@@ -27,7 +27,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from model.atmosphere.sky import distance_factor
-from model.effects.names import ALL, Effect
+from model.effects.effect import ALL, Effect
 from model.prediction import RigErrors
 from model.sensor import effective_wavelength_m
 from model.surface.facets import SLOPE_RMS_MIN

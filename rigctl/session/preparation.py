@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rigctl.base.numbers import utc_text
-from rigctl.calibrations.made_for import CalibrationKind, MadeFor, made_for_rig
+from rigctl.calibrations.kinds import CalibrationKind, MadeFor, made_for_rig
 from rigctl.calibrations.noise import NoiseParameters, read_noise_file
 from rigctl.calibrations.polarizer import read_polarizer_file, require_polarizer_fits
 from rigctl.calibrations.store import NONE, RigSelection, selected_for_rig

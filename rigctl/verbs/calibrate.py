@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from calibration.polarimeter.pictures import Registration
     from calibration.sensor.curves import DoublingTemperature
     from calibration.sensor.noise import NoiseCalibration
-    from rigctl.calibrations.made_for import MeasuredOverFrames
+    from rigctl.calibrations.kinds import MeasuredOverFrames
     from rigctl.calibrations.noise import NoiseParameters
     from rigctl.calibrations.noise_frames import FrameSet
 

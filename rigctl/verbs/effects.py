@@ -18,7 +18,7 @@ from rigctl.verbs.options import EffectOptions, FilePath, Files, Part, Result, W
 
 if TYPE_CHECKING:
     from model.accuracy.effect_check import CheckedEffect
-    from model.effects.names import Bound, Decision, EffectPlan
+    from model.effects.effect import Bound, Decision, EffectPlan
     from rigctl.report.document import Table
     from rigctl.scene.effects import Verification
 
@@ -325,7 +325,7 @@ def _of_kind(row: "Row", *, kind: str) -> str:
 
 
 def _bound(row: "Row", *, kind: str) -> str:
-    from model.effects.names import LIGHT
+    from model.effects.effect import LIGHT
 
     return change_text(getattr(row[0].bound, kind)) if row[0].effect in LIGHT else ""
 

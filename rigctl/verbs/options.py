@@ -24,7 +24,7 @@ from rigctl.files.choices import COMMA_SEPARATED, EffectRule, Engine, LightPart,
 
 if TYPE_CHECKING:
     from rigctl import mapped
-    from rigctl.calibrations.made_for import CalibrationKind
+    from rigctl.calibrations.kinds import CalibrationKind
     from rigctl.files.regions import Region
     from rigctl.files.scene_file import SceneFile
     from rigctl.measure.frames import CalibrationPaths

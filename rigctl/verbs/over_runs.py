@@ -15,7 +15,7 @@ from rigctl.archive.report import archive_table, write_archive_rows
 from rigctl.archive.rows import RegionNumbers, RunRow, Verb, inputs_hash, read_rows, write_rows
 from rigctl.base.destination import Origin, results_of
 from rigctl.base.durable import sha256_of
-from rigctl.calibrations.made_for import KINDS
+from rigctl.calibrations.kinds import KINDS
 from rigctl.calibrations.store import NONE
 from rigctl.comparison.compare import Comparison
 from rigctl.console import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, EXIT_OWN_FAULT, Json, failure_of

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from model.accuracy.predict import Predicted, Predictions
-    from model.effects.names import EffectPlan
+    from model.effects.effect import EffectPlan
     from model.prediction import PairDetection, RegionPrediction
     from rigctl.calibrations.store import RigSelection
     from rigctl.prediction.predict import (
@@ -566,7 +566,7 @@ def _predictor(
     from functools import partial
 
     from rigctl.base.numbers import utc_text
-    from rigctl.calibrations.made_for import MadeFor
+    from rigctl.calibrations.kinds import MadeFor
     from rigctl.calibrations.store import NONE, selected_for_scene
     from rigctl.prediction.predict import ScenePredictor
     from rigctl.scene.light import SceneLight, require_engine

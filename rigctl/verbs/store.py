@@ -14,7 +14,7 @@ from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, Part, Result, Writes
 
 if TYPE_CHECKING:
-    from rigctl.calibrations.made_for import MadeFor
+    from rigctl.calibrations.kinds import MadeFor
     from rigctl.calibrations.store import CalibrationStore, Choice, History, StoredCalibration
 
 
@@ -41,7 +41,7 @@ def list_store(
     at : str
         Time for which ages are shown, with a time zone; default: now.
     """
-    from rigctl.calibrations.made_for import MadeFor
+    from rigctl.calibrations.kinds import MadeFor
     from rigctl.calibrations.store import read_store
 
     store = read_store(_folder(folder))
@@ -91,7 +91,7 @@ class StoreResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return how many calibrations there are, a table of them, and the choices."""
-        from rigctl.calibrations.made_for import age_days
+        from rigctl.calibrations.kinds import age_days
         from rigctl.report.document import Column, Table
 
         def age(one: "StoredCalibration") -> str:
@@ -120,7 +120,7 @@ class StoreResult(Result):
     def as_json(self) -> dict[str, Json]:
         """Return calibrations, files that cannot be read, history and choices."""
         from rigctl.base.durable import sha256_of
-        from rigctl.calibrations.made_for import age_days
+        from rigctl.calibrations.kinds import age_days
         from rigctl.calibrations.store import choices_json, histories_of
 
         content: dict[str, Json] = {
@@ -176,14 +176,14 @@ def _folder(given: FilePath | None) -> Path:
 
 
 def _holds(one: "StoredCalibration", now: "MadeFor") -> bool:
-    from rigctl.calibrations.made_for import age_days
+    from rigctl.calibrations.kinds import age_days
 
     age, valid = age_days(one.made_for, now), one.made_for.valid_days
     return age is None or valid is None or age <= valid
 
 
 def _choices(used_by: Path, folder: Path, now_ns: int) -> "tuple[Choice, ...]":
-    from rigctl.calibrations.made_for import KINDS
+    from rigctl.calibrations.kinds import KINDS
     from rigctl.calibrations.store import selected_for_rig
     from rigctl.files.rig_file import load_rig
     from rigctl.measure.frames import CalibrationPaths, selected_for_run

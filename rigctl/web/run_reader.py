@@ -16,7 +16,7 @@ from typing import Any, Protocol, TypeVar
 
 from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded
 from rigctl.base.numbers import NS_PER_S, utc_text
-from rigctl.calibrations.made_for import kind_of, record_of
+from rigctl.calibrations.kinds import kind_of, record_of
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.files.session_file import PICTURE

@@ -6,7 +6,7 @@ import pytest
 from model.accuracy.chain import LightStore, differences, evaluate, evaluate_all, scenario_of
 from model.accuracy.plan import NUMERICAL_SETTINGS, settings_at
 from model.atmosphere.solver import solve
-from model.effects.names import ALL, Effect
+from model.effects.effect import ALL, Effect
 from model.scene.field import whole_field
 from model.scene.panel import Rules
 from tests.model.accuracy.random_scenes import random_scene

@@ -9,7 +9,7 @@ from benchmarks.trials.effects import SETTINGS
 from model.accuracy.chain import LightStore, evaluate
 from model.accuracy.effect_check import change, skylight_bound
 from model.effects.bounds import effect_bounds, light_limits
-from model.effects.names import ALL, Bound, Effect
+from model.effects.effect import ALL, Bound, Effect
 from model.scene.scene import LitScene
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.predict import ScenePredictor

@@ -21,7 +21,7 @@ from model.accuracy.plan import (
 from model.accuracy.predict import ESTIMATES, cloud, predict, told_errors
 from model.atmosphere.layers import AerosolKind
 from model.atmosphere.sky import Fidelity, SolverSettings
-from model.effects.names import ALL, LIGHT, Effect
+from model.effects.effect import ALL, LIGHT, Effect
 from model.effects.planner import plan_of_all
 from model.scene.scene import LitRegion
 from tests.model.accuracy.random_scenes import hostile_scene, random_scene

@@ -9,7 +9,7 @@ from benchmarks.trials.effects import SETTINGS, Score, random_materials, score_s
 from model.accuracy.chain import LightStore, evaluate
 from model.accuracy.effect_check import change, with_changes
 from model.effects.bounds import Disturbance
-from model.effects.names import LIGHT
+from model.effects.effect import LIGHT
 from model.effects.planner import EFFECTS, plan
 from model.sensor import PERFECT
 

@@ -7,7 +7,7 @@ import pytest
 
 from model.accuracy.chain import LightStore, evaluate
 from model.accuracy.effect_check import change
-from model.effects.names import ALL, LIGHT, Effect
+from model.effects.effect import ALL, LIGHT, Effect
 from model.effects.planner import plan
 from model.scene.scene import LitScene
 from tests.model.effects.scenes import COARSE, THIN, panel_scene, radiance_scene

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model.accuracy.chain import evaluate
-from model.effects.names import ALL, LIGHT, Bound, Effect
+from model.effects.effect import ALL, LIGHT, Bound, Effect
 from model.effects.planner import EFFECTS, plan, plan_of_all
 from model.scene.field import FieldPart
 from tests.model.effects.scenes import COARSE, THIN, panel_scene, radiance_scene

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.trials.effects import SETTINGS, random_materials
 from model.accuracy.chain import evaluate
 from model.effects.bounds import LIGHT_PARTS, Light, effect_bounds, light_limits
-from model.effects.names import LIGHT, Effect
+from model.effects.effect import LIGHT, Effect
 from model.sensor import Imperfections
 from tests.model.effects.scenes import THIN, panel_scene
 

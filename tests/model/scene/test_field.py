@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from model import stokes as geometry
 from model.accuracy.chain import evaluate
-from model.effects.names import ALL, Effect
+from model.effects.effect import ALL, Effect
 from model.scene.field import (
     BACKSCATTER,
     FieldLight,

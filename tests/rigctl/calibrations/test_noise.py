@@ -20,7 +20,7 @@ from calibration.results import Flag, RefusedFramesError
 from calibration.sensor.emva1288 import EMVA_SYMBOLS
 from calibration.sensor.levels import level_statistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
-from rigctl.calibrations.made_for import MadeFor
+from rigctl.calibrations.kinds import MadeFor
 from rigctl.calibrations.noise import QUANTITIES, read_noise_file
 from rigctl.calibrations.noise_calibration import calibrate_frames, noise_content
 from rigctl.calibrations.noise_frames import (

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 from calibration.polarimeter.analyzer import block_means
 from calibration.results import CalibrationError
 from rigctl.calibrations import polarizer_scan as polarimeter_maps_module
-from rigctl.calibrations.made_for import MadeFor
+from rigctl.calibrations.kinds import MadeFor
 from rigctl.calibrations.polarizer import PolarizerParameters, read_polarizer_file, require_polarizer_fits
 from rigctl.calibrations.polarizer_scan import PolarimeterMaps, polarimeter_maps
 from rigctl.cli import main

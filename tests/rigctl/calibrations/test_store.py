@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from calibration.estimate import control_chart
 from rigctl import cli
 from rigctl.base.numbers import unix_ns, utc_moment
-from rigctl.calibrations.made_for import KINDS, CalibrationKind, MadeFor, made_for, made_for_of_file, require_fit
+from rigctl.calibrations.kinds import KINDS, CalibrationKind, MadeFor, made_for, made_for_of_file, require_fit
 from rigctl.calibrations.store import choose, read_store, selected_for_scene, store_doubts
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import load_rig

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr
 
 from model.accuracy.chain import Reading
-from model.effects.names import Bound, Effect
+from model.effects.effect import Bound, Effect
 from model.processing.samples import deviation
 from rigctl.comparison.compare import ALLOWED_SHARE, NumericalAccuracy
 from rigctl.comparison.rows import Row, decide, off_prediction, pair, scored

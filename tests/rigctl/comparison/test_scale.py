@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 
 from calibration.radiometric import fit_free_scale
 from calibration.results import CalibrationError
-from rigctl.calibrations.made_for import MadeFor
+from rigctl.calibrations.kinds import MadeFor
 from rigctl.calibrations.radiometric import RadiometricResponse
 from rigctl.cli import main
 from rigctl.comparison.compare import Comparison, compare_with_scene

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from model.effects.names import Effect
+from model.effects.effect import Effect
 from rigctl.comparison.explain import unstated_effects, unstated_lines
 from rigctl.comparison.rows import Row
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.trials.pointing import POINTED, drawn, pointing_predictor, propagated
-from model.effects.names import LIGHT, Effect
+from model.effects.effect import LIGHT, Effect
 from model.prediction import detections_of_sweep
 from rigctl.cli import main
 from rigctl.errors import ConfigError

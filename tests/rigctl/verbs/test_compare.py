@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from model.effects.names import ALL, Effect
+from model.effects.effect import ALL, Effect
 from model.effects.planner import LIGHT
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene

@@ -3,7 +3,7 @@ import re
 
 import pytest
 
-from model.effects.names import Effect
+from model.effects.effect import Effect
 from rigctl.cli import main
 from rigctl.files.scene_file import effect_names, effect_of, load_scene
 from rigctl.prediction.predict import ScenePredictor
