@@ -20,14 +20,13 @@ from drivers.errors import (
     ProtocolError,
 )
 from drivers.interfaces import RotationStage
-from tests.drivers.stages.lines import CONNECT, Bench
+from tests.drivers.stages.lines import FAMILIES, Bench
 
 TOLERANCE_DEG = 0.02
 _HALF_COUNT_DEG = 0.0028  # of the coarsest encoder, 65536 counts
 _TARGET_DEG = 90.0
 _SEEDS = 20
 
-FAMILIES = tuple(CONNECT)
 Errors = tuple[type[DeviceError], ...]
 _DAMAGE: Errors = (ProtocolError, DeviceTimeoutError, DeviceFaultError, LimitError)
 _LATE: Errors = (ProtocolError, DeviceTimeoutError)

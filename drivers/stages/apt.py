@@ -430,7 +430,7 @@ _HIGHEST_COUNTS = (1 << 31) - 1
 
 
 class AptStage(SerialStage):
-    """The stage behind a link. `open_apt` and `connect_apt` make one.
+    """The stage behind a link. `open_apt` makes one.
 
     The controller knows if it was homed since power-up (status bit 0x400) and is asked before each move. Motions are
     followed by the status, because the messages HOMED and MOVE_COMPLETED may be missing or have wrong positions. The

@@ -427,7 +427,7 @@ _FULL_TURN_S = _START_S + 360.0 / _SLOWEST_DEG_PER_S
 
 
 class EllxStage(SerialStage):
-    """The stage behind a link. `open_elliptec` and `connect_elliptec` make one.
+    """The stage behind a link. `open_elliptec` makes one.
 
     Moves are refused until `home` has been called on this connection, and again after a restart of the stage: the
     protocol does not report if the stage was homed since power-up, and otherwise every angle is off by an unknown

@@ -333,7 +333,7 @@ class Scale:
 
 
 class ZaberStage(SerialStage):
-    """The stage behind a link. `open_zaber` and `connect_zaber` make one.
+    """The stage behind a link. `open_zaber` makes one.
 
     The stage knows if it was homed since power-up (flags WR and WH) and is asked before each move. Without an encoder
     the readback is the command of the motor, which does not show a slipping gear.
