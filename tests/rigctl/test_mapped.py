@@ -59,9 +59,8 @@ def _lock_that_ctrl_c_breaks(kept: Kept) -> None:
 
 @pytest.mark.parametrize("happens", [_ctrl_c, _ctrl_c_that_is_dropped, _lock_that_ctrl_c_breaks])
 def test_ctrl_c_stops_the_work_wherever_it_arrives(happens, monkeypatch):
-    before = signal.getsignal(signal.SIGINT)
     assert _outcome_of(happens, monkeypatch) == "stopped"
-    assert signal.getsignal(signal.SIGINT) is before
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_another_failure_of_a_lock_is_not_taken_for_ctrl_c(monkeypatch):
