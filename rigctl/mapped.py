@@ -8,8 +8,6 @@ import fcntl
 import hashlib
 import logging
 import os
-import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -18,7 +16,6 @@ from functools import cache
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from types import FrameType
 from typing import Any, Literal, TypeVar
 
 from rigctl.console import progress
@@ -161,49 +158,23 @@ def mapped(
     if done == total:
         return "whole"
 
-    with _ctrl_c() as is_pressed:
+    def kept(task: TaskT, result: ResultT) -> None:
+        nonlocal done
+        keep(task, result)
+        done += size(task)
+        tell(done, total)
 
-        def kept(task: TaskT, result: ResultT) -> None:
-            nonlocal done
-            keep(task, result)
-            done += size(task)
-            tell(done, total)
-            if is_pressed():
-                raise KeyboardInterrupt
-
-        try:
-            with client_of(engine, command=command, packages=packages) as client:
-                compute_all(client, work, tasks(slots_of(client)), kept, parts=parts, lost=lost)
-        except KeyboardInterrupt:
-            return "stopped"
-        except RuntimeError:
-            # Ctrl-C while dask waits can appear as its failure to release a lock that it no longer holds.
-            if not is_pressed():
-                raise
-            return "stopped"
-    return "whole"
-
-
-@contextmanager
-def _ctrl_c() -> Iterator[Callable[[], bool]]:
-    """Yield a function that says whether Ctrl-C was pressed, also if the interrupt was dropped where it arrived.
-
-    Python drops one that arrives in a callback of its memory management. Signals reach only the main thread.
-    """
-    pressed = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield pressed.is_set
-        return
-
-    def on_signal(_number: int, _frame: FrameType | None) -> None:
-        pressed.set()
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGINT, on_signal)
     try:
-        yield pressed.is_set
-    finally:
-        signal.signal(signal.SIGINT, before)
+        with client_of(engine, command=command, packages=packages) as client:
+            compute_all(client, work, tasks(slots_of(client)), kept, parts=parts, lost=lost)
+    except KeyboardInterrupt:
+        return "stopped"
+    except RuntimeError as error:
+        # Ctrl-C while dask waits for a condition can appear as its failure to release a lock that it no longer holds.
+        if not isinstance(error.__context__, KeyboardInterrupt):
+            raise
+        return "stopped"
+    return "whole"
 
 
 @contextmanager
