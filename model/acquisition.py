@@ -77,9 +77,9 @@ def least_drifting_order(angles_rad: ArrayLike) -> FloatArray:
 
     Notes
     -----
-    All orders are tried. Of equally good orders, the one that begins with the smallest angles is returned. For 0, 45,
-    90, 135 it is 0, 90, 45, 135: the false DoLP is 0.2357 times the change of the light from the first to the last
-    frame, instead of 0.4714.
+    All orders are tried. If several are equally good, the one that begins with the smallest angles is returned. For
+    0, 45, 90, 135 it is 0, 90, 45, 135: the false DoLP is 0.2357 times the change of the light from the first to the
+    last frame, instead of 0.4714.
 
     References
     ----------

@@ -230,16 +230,17 @@ _LEAST_OF_LEVEL, _MOST_LEVELS = 512, 8
 
 
 def hit_limit(off: FloatArray, level: FloatArray | None = None, *, least: float = 0.0) -> float:
-    """Return how far off a count has to be to be a hit: six deviations of the noise where the light is brightest.
+    """Return the least difference of a hit: six standard deviations of the noise in the brightest light.
 
-    One limit for all, as one that grows with the light would leave out more of the dark pixels and shift the mean.
+    All pixels have the same limit. A limit that grew with the light would leave out more of the dark pixels, and so
+    shift the mean.
 
     Parameters
     ----------
     off
-        What counts are off the value that is expected, shape (..., P).
+        Differences of counts and their expected values, shape (..., P).
     level
-        Light of each pixel, shape (P,), since noise grows with light; none if all have the same.
+        Light of each pixel, shape (P,), since noise grows with light. None: all pixels have the same light.
     least
         Smallest deviation that noise and rounding may have.
     """
@@ -294,7 +295,7 @@ _LEAST_STD_DN = 0.5
 
 
 def find_hits(pixels: FloatArray, *, step: float = 1.0) -> Hits | None:
-    """Return the pixels of a region that repeats show to be hit in single frames; None where there are none.
+    """Find the pixels of a region that were hit in single frames, by comparing repeats. None: no hit can be shown.
 
     Parameters
     ----------
@@ -326,7 +327,7 @@ def find_hits(pixels: FloatArray, *, step: float = 1.0) -> Hits | None:
 
 
 def find_single_hits(residual: FloatArray, light: FloatArray, *, step: float = 1.0) -> Hits | None:
-    """Return the pixels that neighbours show to be hit at one angle; None where there are none.
+    """Find the pixels that were hit at one angle, by comparing neighbours. None: no hit can be shown.
 
     Parameters
     ----------

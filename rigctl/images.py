@@ -451,7 +451,7 @@ def _read_tiff(data: bytes, plane: Plane | None, most_bytes: int) -> list[ImageF
 
 
 def _stack(pixels: NDArray[Any], plane: Plane | None, *, are_colours: bool = False, **facts: Any) -> list[ImageFile]:
-    """Return the planes of an array as pictures of their own, or the colour of one that is asked for."""
+    """Return each plane of an array as a picture, or only the requested colour."""
     if pixels.ndim > 3 and set(pixels.shape[:-3]) == {1}:
         pixels = pixels.reshape(pixels.shape[-3:])
     is_one = pixels.ndim != 3 or (len(pixels) == len(_COLOURS) and (are_colours or plane is not None))
@@ -459,7 +459,7 @@ def _stack(pixels: NDArray[Any], plane: Plane | None, *, are_colours: bool = Fal
 
 
 def _decoded(data: bytes) -> Sequence[NDArray[Any] | None]:
-    """Return the pictures of a PNG, TIFF or JPEG file; one that is None where it cannot be read."""
+    """Return the pictures of a PNG, TIFF or JPEG file; (None,) if it cannot be read."""
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # not on each odd tag of a TIFF file
     try:
         _, pages = cv2.imdecodemulti(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

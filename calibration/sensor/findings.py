@@ -675,7 +675,7 @@ def _correlated_noise(frames: _Frames) -> Flag | None:
 
 
 def _compressed_frames(frames: _Frames) -> Flag | None:
-    """Check the correlation of neighbours in dark noise: a filter or coder shows in flats too, a coupled readout not.
+    """Check the correlation of neighbours in dark noise. Filters and compression show in flats too, a readout not.
 
     A readout gives all darks the same covariance; dark current adds independent noise, which hides it in correlations.
     """
@@ -693,7 +693,7 @@ def _compressed_frames(frames: _Frames) -> Flag | None:
     size = (across, down)[larger]
     if abs(size) < max(_DARK_CORRELATION, _SIGMA * error):
         return None
-    # A coder leaves another part of the noise in each level; a single level cannot tell one that smooths.
+    # Lossy compression removes a different share of the noise at each level. One level alone cannot show smoothing.
     apart = np.abs(together[:, larger] - weights @ together[:, larger])
     is_alike = bool(np.all(apart < np.maximum(_SIGMA * errors, _ALIKE * abs(size) * variances.min())))
     is_alike &= len(darks) > 1 or size < 0.0

@@ -610,7 +610,7 @@ def _root_of_mean(per_pixel: FloatArray, *, correction: float) -> Sample:
 # would widen the errors of means of few cycles by a third. An error found with a chance above the second is near its
 # limit, not known from few cycles only: with Student's law one sound run in fifteen could not show light 0.2 % off.
 _BY_CHANCE, _HARDLY_BY_CHANCE = 0.05, 1e-3
-# A drift is told from light that wanders by so many of its errors, over so many cycles.
+# Least drift, in its standard errors, and least number of cycles to distinguish it from light that wanders.
 _SURELY, _LEAST_CYCLES = 4.0, 3
 
 

@@ -95,10 +95,10 @@ def _lonely_ends(occupied: NDArray[np.intp], step: int) -> list[int]:
 
 
 def odd_pattern(levels: NDArray[np.int64]) -> str:
-    """Return a sentence on bits that are not those of a camera, by the histogram; empty if there are none.
+    """Return a sentence if the histogram has steps or gaps that no camera makes, else an empty text.
 
-    Looked at are counts between the 2nd and the 98th percentile, in steps of the common zero bits, where so many pixels
-    fall on each that a count without pixels is not chance.
+    Only counts between the 2nd and the 98th percentile are used, in steps of the common zero bits, and only where so
+    many pixels have each count that a missing count is not chance.
     """
     if not levels.any():
         return ""

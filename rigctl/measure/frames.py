@@ -291,7 +291,7 @@ def selected_for_run(paths: CalibrationPaths, run: Run, kinds: Sequence[Calibrat
 
 
 def store_of_run(run: Run) -> Path | None:
-    """Return the store beside the rig file that a run was taken with; None where there is none.
+    """Return the store beside the rig file of a run, or None.
 
     The rig file is sought where it was, then by its name in the folders above the run and in the current one, as runs
     are moved to other machines.

@@ -164,8 +164,9 @@ def sweep(
 ) -> "SweepResult":
     """Predict a scene over a range of one of its numbers, or over a grid of several.
 
-    Where light is computed from materials, --tolerance is 0.01 if it is not given. Settings and errors are determined
-    at some points and used for the points between them.
+    Where light is computed from materials, --tolerance is 0.01 if it is not given; a scene with [rig] errors or with
+    rule = "midpoint" for its field of view keeps the settings of its file. Settings and errors are determined at some
+    points and used for the points between them.
 
     Example: rigctl sweep examples/scene-airborne.toml sun.zenith_deg=10:80:8 --out sweep
 
@@ -529,7 +530,7 @@ def _report(selected: "RigSelection", doubts: Iterable[str]) -> None:
 
 
 def _tolerance(options: PredictOptions, *, default: float | None = None) -> float | None:
-    """Return the tolerance; raise ConfigError if an option needs one that is not given."""
+    """Return the tolerance; raise ConfigError if it is missing and another option needs it."""
     given = options.get("tolerance")
     tolerance = default if given is None else given
     for option, value in (("effects", options.get("effects")), ("estimated-only", options.get("estimated_only"))):

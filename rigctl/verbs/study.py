@@ -85,12 +85,12 @@ class StudyResult(Result):
 
     @property
     def seconds_of_new_sky(self) -> float:
-        """Mean time of a case for which a sky was solved; NaN if there is none."""
+        """Mean time of the cases that solved a sky of their own; NaN without such cases."""
         return _mean(self.table.numbers.seconds[self.table.numbers.is_new_sky])
 
     @property
     def seconds_of_same_sky(self) -> float:
-        """Mean time of a case with the previous case's sky; NaN if there is none."""
+        """Mean time of the cases that used the sky of the case before; NaN without such cases."""
         return _mean(self.table.numbers.seconds[~self.table.numbers.is_new_sky])
 
     @property
