@@ -28,7 +28,7 @@ Diffuse terms, with E the reflectance of the lobe, B its weight and x = DHR - B 
 "balance": Hyde, Schmidt and Havrilla (2009), doi:10.1364/OE.17.022138, with the measured DHR in place of
 a perfect reflector's. "coupled": Kelemen and Szirmay-Kalos (2001), Eurographics short presentations. "polarised":
 Baek et al. (2018), doi:10.1145/3272127.3275018. "volume": Chandrasekhar, Radiative Transfer (1960); in his solution
-for polarized light all terms that depend on the azimuth have the form of f_1 (section 70). Approximate H, and the
+for polarized light all terms that depend on the azimuth have the form of f_1. Approximate H, and the
 split into f_1 and a remainder: Hapke (1981), doi:10.1029/JB086iB04p03039; under an interface: Germer (2003), Proc.
 SPIE 5158, 193; remainder as in "coupled".
 """
